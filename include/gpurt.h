@@ -1,23 +1,745 @@
+/* gpurt: render and query 3D scenes on CPUs and CUDA GPUs.
+ *
+ * This file is the whole public C ABI. It is C99, needs nothing but the
+ * standard integer types, and no build option changes it.
+ *
+ * Conventions
+ *   Handles     opaque values; 0 is no handle. A wrong, stale or foreign handle
+ *               gives GPURT_ERROR_INVALID_ARGUMENT, never a crash. `retain` and
+ *               `release` count references; a child keeps its parent alive.
+ *   Descriptors start with struct_size, which the _INIT macro fills. A zero
+ *               field means the default unless its comment says otherwise.
+ *               Smaller (older) descriptors are accepted; bytes that this
+ *               library does not know must be zero.
+ *   Results     every fallible call returns gpurt_result, outputs come last and
+ *               are written only on GPURT_OK unless stated otherwise.
+ *               gpurt_last_error() tells cause and remedy of the thread's last
+ *               failure.
+ *   Threads     any function may be called from any thread unless stated
+ *               otherwise; calls that change one scene exclude each other.
+ *   Units       metres, right handed, Y up; radiance in linear Rec. 709; angles
+ *               in radians; times in nanoseconds or, where named so, seconds.
+ *   Ids         geometries and instances count from 0 in the order of their
+ *               creation; materials and textures count from 1, so that 0 means
+ *               none.
+ */
 #ifndef GPURT_H
 #define GPURT_H
 
+#include <stddef.h>
 #include <stdint.h>
-
-#if defined(__GNUC__)
-#define GPURT_API __attribute__((visibility("default")))
-#else
-#define GPURT_API
-#endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/** The library's version: major << 16 | minor << 8 | patch. Threads: any. */
+#if defined(_WIN32)
+#define GPURT_API
+#elif defined(__GNUC__)
+#define GPURT_API __attribute__((visibility("default")))
+#else
+#define GPURT_API
+#endif
+
+#define GPURT_VERSION_MAJOR 0
+#define GPURT_VERSION_MINOR 1
+#define GPURT_VERSION_PATCH 0
+
+#define GPURT_INVALID_ID 0xffffffffu /* "none" wherever ids count from 0 */
+#define GPURT_WAIT_FOREVER UINT64_MAX
+
+typedef struct gpurt_device_t *gpurt_device;
+typedef struct gpurt_scene_t *gpurt_scene;
+typedef struct gpurt_frame_t *gpurt_frame;
+typedef struct gpurt_job_t *gpurt_job;
+typedef struct gpurt_buffer_t *gpurt_buffer;
+
+typedef enum gpurt_result {
+  GPURT_OK = 0,
+  GPURT_ERROR_INVALID_ARGUMENT = 1,
+  GPURT_ERROR_OUT_OF_MEMORY = 2,
+  GPURT_ERROR_UNSUPPORTED = 3,
+  GPURT_ERROR_CANCELLED = 4,
+  GPURT_ERROR_DEVICE = 5,
+  GPURT_ERROR_TIMEOUT = 6,
+  GPURT_ERROR_IO = 7,
+  GPURT_ERROR_INTERNAL = 8,
+  GPURT_RESULT_FORCE32 = 0x7fffffff
+} gpurt_result;
+
+/* ---- Library ---------------------------------------------------------- */
+
+/** The library's version as major << 16 | minor << 8 | patch. */
 GPURT_API uint32_t gpurt_version(void);
+
+/** The name of a result, such as "GPURT_ERROR_IO"; "unknown result" for others. Static storage. */
+GPURT_API const char *gpurt_result_name(gpurt_result result);
+
+/** Text of the calling thread's last failed call, "" if there was none.
+ *
+ *  Reading does not clear it. Works before a device exists. The pointer stays
+ *  valid until the same thread calls gpurt again.
+ */
+GPURT_API const char *gpurt_last_error(void);
+
+/* ---- Device ----------------------------------------------------------- */
+
+typedef enum gpurt_device_type {
+  GPURT_DEVICE_AUTO = 0, /* the first CUDA device that works, else the CPU */
+  GPURT_DEVICE_CPU = 1,
+  GPURT_DEVICE_CUDA = 2,
+  GPURT_DEVICE_TYPE_FORCE32 = 0x7fffffff
+} gpurt_device_type;
+
+typedef enum gpurt_log_level {
+  GPURT_LOG_ERROR = 1,
+  GPURT_LOG_WARNING = 2,
+  GPURT_LOG_INFO = 3,
+  GPURT_LOG_LEVEL_FORCE32 = 0x7fffffff
+} gpurt_log_level;
+
+/** Receives messages. Called from any thread, never from two at once for one device; must not call gpurt. */
+typedef void (*gpurt_log_fn)(void *user, gpurt_log_level level, const char *message);
+
+typedef struct gpurt_device_desc {
+  uint32_t struct_size; /* set by GPURT_DEVICE_DESC_INIT */
+  gpurt_device_type type;
+  uint32_t ordinal;            /* which CUDA device; 0 is the first */
+  uint32_t num_threads;        /* CPU worker threads; 0: all that the process may use */
+  uint64_t memory_limit_bytes; /* of all scenes, frames and working memory of the device; 0: none */
+  gpurt_log_fn log;            /* NULL: errors and warnings are not shown */
+  void *log_user;
+} gpurt_device_desc;
+#define GPURT_DEVICE_DESC_INIT {sizeof(gpurt_device_desc), GPURT_DEVICE_AUTO, 0, 0, 0, NULL, NULL}
+
+typedef struct gpurt_device_properties {
+  uint32_t struct_size; /* set by GPURT_DEVICE_PROPERTIES_INIT */
+  gpurt_device_type type;
+  uint32_t ordinal;
+  uint32_t num_threads;          /* CPU: worker threads; CUDA: multiprocessors */
+  uint64_t memory_bytes;         /* physical memory of the device */
+  uint64_t memory_limit_bytes;   /* 0: none */
+  uint64_t memory_used_bytes;    /* held now by scenes, frames and jobs of this device object */
+  uint64_t memory_peak_bytes;    /* the largest that memory_used_bytes has been */
+  uint32_t compute_capability;   /* CUDA: 90 for 9.0; CPU: 0 */
+  char name[128];
+  char instruction_set[32];      /* CPU: the variant in use, such as "x86_64_v3"; CUDA: "sm_90" */
+} gpurt_device_properties;
+#define GPURT_DEVICE_PROPERTIES_INIT {sizeof(gpurt_device_properties), GPURT_DEVICE_AUTO, 0, 0, 0, 0, 0, 0, 0, {0}, {0}}
+
+/** Lists the devices of this machine: the CPU first, then CUDA devices by ordinal.
+ *
+ *  @param devices    [capacity] array whose struct_size fields are set, or NULL to count.
+ *  @param out_count  Number of devices found, also when it exceeds capacity.
+ *
+ *  Never fails for want of a driver: without one there are no CUDA devices.
+ *  Errors: INVALID_ARGUMENT.
+ */
+GPURT_API gpurt_result gpurt_device_enumerate(gpurt_device_properties *devices, uint32_t capacity,
+                                              uint32_t *out_count);
+
+/** Creates a device object.
+ *
+ *  @param desc        Options, or NULL for defaults.
+ *  @param out_device  Owned by the caller; give it back with gpurt_device_release.
+ *
+ *  Errors: INVALID_ARGUMENT; UNSUPPORTED for a CUDA device that the build or its
+ *  age rules out; DEVICE where there is no such device or the driver fails.
+ */
+GPURT_API gpurt_result gpurt_device_create(const gpurt_device_desc *desc, gpurt_device *out_device);
+GPURT_API gpurt_result gpurt_device_retain(gpurt_device device);
+GPURT_API gpurt_result gpurt_device_release(gpurt_device device);
+
+/** Reads what the device is and how much memory it holds now. */
+GPURT_API gpurt_result gpurt_device_get_properties(gpurt_device device, gpurt_device_properties *out_properties);
+
+/* ---- Buffer ----------------------------------------------------------- */
+
+typedef enum gpurt_storage {
+  GPURT_STORAGE_HOST = 0,   /* host memory */
+  GPURT_STORAGE_DEVICE = 1, /* memory of the device; on the CPU device the same as host */
+  GPURT_STORAGE_FORCE32 = 0x7fffffff
+} gpurt_storage;
+
+/** Gives memory back to the caller once gpurt no longer reads it. Called once, from any thread; must not call gpurt. */
+typedef void (*gpurt_release_fn)(void *user, void *data);
+
+typedef struct gpurt_buffer_desc {
+  uint32_t struct_size; /* set by GPURT_BUFFER_DESC_INIT */
+  gpurt_storage storage;
+  uint64_t size_bytes;
+  void *data;               /* the caller's memory, shared without a copy; NULL: gpurt allocates, filled with zeros */
+  gpurt_release_fn release; /* for the caller's memory; NULL: the caller keeps it valid until the buffer is gone */
+  void *release_user;
+} gpurt_buffer_desc;
+#define GPURT_BUFFER_DESC_INIT {sizeof(gpurt_buffer_desc), GPURT_STORAGE_HOST, 0, NULL, NULL, NULL}
+
+/** Creates a buffer, or wraps the caller's memory. Errors: INVALID_ARGUMENT; OUT_OF_MEMORY. */
+GPURT_API gpurt_result gpurt_buffer_create(gpurt_device device, const gpurt_buffer_desc *desc,
+                                           gpurt_buffer *out_buffer);
+GPURT_API gpurt_result gpurt_buffer_retain(gpurt_buffer buffer);
+GPURT_API gpurt_result gpurt_buffer_release(gpurt_buffer buffer);
+
+/** The address (host or device, by its storage) and size of a buffer; valid while the buffer lives. */
+GPURT_API gpurt_result gpurt_buffer_get_data(gpurt_buffer buffer, void **out_data, uint64_t *out_size_bytes);
+
+/** An array for gpurt to read: host memory that is copied during the call, or part of a shared buffer. */
+typedef struct gpurt_array {
+  const void *data;      /* host memory, or NULL */
+  gpurt_buffer buffer;   /* or a buffer of the scene's device; retained while the scene needs it */
+  uint64_t offset_bytes; /* into data or buffer */
+  uint64_t stride_bytes; /* between elements; 0: tightly packed */
+  uint64_t count;        /* elements; nothing past the last one is read */
+} gpurt_array;
+
+/* ---- Scene description ------------------------------------------------- */
+
+/** Creates an empty scene. It keeps the device alive. */
+GPURT_API gpurt_result gpurt_scene_create(gpurt_device device, gpurt_scene *out_scene);
+
+/** Loads a scene from a glTF 2.0 file (.glb or .gltf) and leaves it ready to commit.
+ *
+ *  Reads meshes (every accessor form, strips and fans), node hierarchies with instancing kept, materials,
+ *  textures, alpha masks, KHR_lights_punctual, cameras, the environment of the scene's `extras` and
+ *  GPURT_bezier_patches. What has no exact counterpart here is named in a warning through the device's log.
+ *
+ *  Errors: IO with one line that names the file and its defect; OUT_OF_MEMORY.
+ */
+GPURT_API gpurt_result gpurt_scene_load(gpurt_device device, const char *path, gpurt_scene *out_scene);
+GPURT_API gpurt_result gpurt_scene_retain(gpurt_scene scene);
+GPURT_API gpurt_result gpurt_scene_release(gpurt_scene scene);
+
+typedef enum gpurt_texture_format {
+  GPURT_TEXTURE_RGBA8_SRGB = 0,   /* uint8 [h][w][4]; colours decoded from sRGB before filtering, alpha linear */
+  GPURT_TEXTURE_RGBA8_LINEAR = 1, /* uint8 [h][w][4] / 255 */
+  GPURT_TEXTURE_RGBA32F = 2,      /* float32 [h][w][4] */
+  GPURT_TEXTURE_FORMAT_FORCE32 = 0x7fffffff
+} gpurt_texture_format;
+
+typedef enum gpurt_wrap {
+  GPURT_WRAP_REPEAT = 0,
+  GPURT_WRAP_CLAMP = 1,
+  GPURT_WRAP_MIRROR = 2,
+  GPURT_WRAP_FORCE32 = 0x7fffffff
+} gpurt_wrap;
+
+typedef enum gpurt_filter {
+  GPURT_FILTER_LINEAR = 0, /* bilinear, texel centres at (i + 0.5) / size */
+  GPURT_FILTER_NEAREST = 1,
+  GPURT_FILTER_FORCE32 = 0x7fffffff
+} gpurt_filter;
+
+typedef struct gpurt_texture_desc {
+  uint32_t struct_size; /* set by GPURT_TEXTURE_DESC_INIT */
+  gpurt_texture_format format;
+  uint32_t width;
+  uint32_t height;
+  gpurt_wrap wrap_u;
+  gpurt_wrap wrap_v;
+  gpurt_filter filter;
+  uint32_t reserved; /* 0 */
+  const void *texels; /* row 0 is the top row and lies at v = 0, as in glTF; copied */
+} gpurt_texture_desc;
+#define GPURT_TEXTURE_DESC_INIT \
+  {sizeof(gpurt_texture_desc), GPURT_TEXTURE_RGBA8_SRGB, 0, 0, GPURT_WRAP_REPEAT, GPURT_WRAP_REPEAT, GPURT_FILTER_LINEAR, 0, NULL}
+
+/** Adds a texture; its id counts from 1. Errors: INVALID_ARGUMENT, also for texels that are not finite. */
+GPURT_API gpurt_result gpurt_scene_add_texture(gpurt_scene scene, const gpurt_texture_desc *desc,
+                                               uint32_t *out_texture);
+
+typedef enum gpurt_material_type {
+  GPURT_MATERIAL_LAMBERT = 0, /* base colour / pi, on both sides */
+  GPURT_MATERIAL_MIRROR = 1,  /* perfect mirror, reflectance is the base colour */
+  GPURT_MATERIAL_GLASS = 2,   /* smooth dielectric, exact Fresnel; closed solids; base colour tints transmission */
+  GPURT_MATERIAL_METAL = 3,   /* GGX, alpha = roughness^2, separable Smith, Schlick Fresnel with F0 = base colour */
+  GPURT_MATERIAL_TYPE_FORCE32 = 0x7fffffff
+} gpurt_material_type;
+
+typedef struct gpurt_material_desc {
+  uint32_t struct_size; /* set by GPURT_MATERIAL_DESC_INIT, which also sets a white Lambertian surface */
+  gpurt_material_type type;
+  float base_color[3];          /* linear, in [0, 1]; zero is black */
+  float roughness;              /* METAL: in (0, 1] */
+  float ior;                    /* GLASS: index of refraction; 0: 1.5 */
+  float alpha;                  /* opacity that multiplies the texture's; used with alpha_cutoff alone */
+  float alpha_cutoff;           /* > 0: parts whose alpha is below it are holes; 0: opaque */
+  float emission[3];            /* radiance, W/(m^2 sr) up to the lights' scale; zero: not a lamp */
+  uint32_t base_color_texture;  /* multiplies base_color; 0: none */
+  uint32_t two_sided_emission;  /* 0: emits from the counter-clockwise side alone; 1: from both */
+} gpurt_material_desc;
+#define GPURT_MATERIAL_DESC_INIT \
+  {sizeof(gpurt_material_desc), GPURT_MATERIAL_LAMBERT, {1, 1, 1}, 1, 0, 1, 0, {0, 0, 0}, 0, 0}
+
+/** Adds a material; its id counts from 1. Errors: INVALID_ARGUMENT. */
+GPURT_API gpurt_result gpurt_scene_add_material(gpurt_scene scene, const gpurt_material_desc *desc,
+                                                uint32_t *out_material);
+
+typedef struct gpurt_mesh_desc {
+  uint32_t struct_size; /* set by GPURT_MESH_DESC_INIT */
+  uint32_t material;    /* 0: white Lambertian */
+  gpurt_array vertices; /* float32 [n][3], metres, object space */
+  gpurt_array indices;  /* uint32 [m][3], each < n; no array: vertices form triangles three by three */
+  gpurt_array normals;  /* float32 [n][3], need not be unit length; no array: flat */
+  gpurt_array uvs;      /* float32 [n][2]; no array: (0, 0) */
+} gpurt_mesh_desc;
+#define GPURT_MESH_DESC_INIT \
+  {sizeof(gpurt_mesh_desc), 0, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}}
+
+/** Adds a triangle mesh. It is seen where instances place it.
+ *
+ *  Degenerate triangles are legal and never hit. The counter-clockwise side is the front.
+ *  Errors: INVALID_ARGUMENT naming the first index out of range or vertex that is not finite.
+ */
+GPURT_API gpurt_result gpurt_scene_add_mesh(gpurt_scene scene, const gpurt_mesh_desc *desc, uint32_t *out_geometry);
+
+typedef struct gpurt_patches_desc {
+  uint32_t struct_size; /* set by GPURT_PATCHES_DESC_INIT */
+  uint32_t material;
+  gpurt_array control_points; /* float32 [16 n][3]: bicubic Bezier, point 4*row + column, u along columns */
+} gpurt_patches_desc;
+#define GPURT_PATCHES_DESC_INIT {sizeof(gpurt_patches_desc), 0, {NULL, NULL, 0, 0, 0}}
+
+/** Adds bicubic Bezier patches. For rays they are tessellated at commit, to gpurt_build_desc.patch_tolerance. */
+GPURT_API gpurt_result gpurt_scene_add_patches(gpurt_scene scene, const gpurt_patches_desc *desc,
+                                               uint32_t *out_geometry);
+
+typedef enum gpurt_subdivision_scheme {
+  GPURT_SUBDIVISION_CATMULL_CLARK = 0,
+  GPURT_SUBDIVISION_LOOP = 1,
+  GPURT_SUBDIVISION_SCHEME_FORCE32 = 0x7fffffff
+} gpurt_subdivision_scheme;
+
+typedef struct gpurt_subdivision_desc {
+  uint32_t struct_size; /* set by GPURT_SUBDIVISION_DESC_INIT */
+  uint32_t material;
+  gpurt_subdivision_scheme scheme;
+  uint32_t reserved;       /* 0 */
+  gpurt_array vertices;    /* float32 [n][3] */
+  gpurt_array face_counts; /* uint32 [f]: corners of each face */
+  gpurt_array indices;     /* uint32 [sum of face_counts] */
+} gpurt_subdivision_desc;
+#define GPURT_SUBDIVISION_DESC_INIT \
+  {sizeof(gpurt_subdivision_desc), 0, GPURT_SUBDIVISION_CATMULL_CLARK, 0, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}}
+
+/** Adds a subdivision surface. This version returns GPURT_ERROR_UNSUPPORTED. */
+GPURT_API gpurt_result gpurt_scene_add_subdivision(gpurt_scene scene, const gpurt_subdivision_desc *desc,
+                                                   uint32_t *out_geometry);
+
+typedef struct gpurt_instance_desc {
+  uint32_t struct_size; /* set by GPURT_INSTANCE_DESC_INIT, which also sets the identity */
+  uint32_t geometry;
+  float transform[12]; /* object to world, 3 rows of 4; must be invertible */
+} gpurt_instance_desc;
+#define GPURT_INSTANCE_DESC_INIT {sizeof(gpurt_instance_desc), 0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}}
+
+/** Places a geometry in the world. A geometry placed once is stored in world space; one placed more often is
+ *  stored once and shared. Errors: INVALID_ARGUMENT. */
+GPURT_API gpurt_result gpurt_scene_add_instance(gpurt_scene scene, const gpurt_instance_desc *desc,
+                                                uint32_t *out_instance);
+
+typedef enum gpurt_light_type {
+  GPURT_LIGHT_POINT = 0,
+  GPURT_LIGHT_SPOT = 1,
+  GPURT_LIGHT_DISTANT = 2,
+  GPURT_LIGHT_TYPE_FORCE32 = 0x7fffffff
+} gpurt_light_type;
+
+typedef struct gpurt_light_desc {
+  uint32_t struct_size; /* set by GPURT_LIGHT_DESC_INIT */
+  gpurt_light_type type;
+  float intensity[3];          /* POINT, SPOT: W/sr; DISTANT: irradiance on a facing surface, W/m^2 */
+  float position[3];           /* POINT, SPOT */
+  float direction[3];          /* SPOT, DISTANT: where the light shines; need not be unit length */
+  float inner_cone_angle_rad;  /* SPOT: full intensity within; 0 is the axis alone */
+  float outer_cone_angle_rad;  /* SPOT: none beyond; in (inner, pi/2]; falloff as glTF defines it; 0: pi/4 */
+} gpurt_light_desc;
+#define GPURT_LIGHT_DESC_INIT \
+  {sizeof(gpurt_light_desc), GPURT_LIGHT_POINT, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}, 0, 0}
+
+/** Adds a light without extent. Lamps with extent are materials that emit. */
+GPURT_API gpurt_result gpurt_scene_add_light(gpurt_scene scene, const gpurt_light_desc *desc, uint32_t *out_light);
+
+typedef struct gpurt_environment_desc {
+  uint32_t struct_size; /* set by GPURT_ENVIRONMENT_DESC_INIT */
+  uint32_t texture;     /* lat-long radiance image; 0: constant */
+  float radiance[3];    /* constant radiance, or the factor of the texture; zero: black */
+} gpurt_environment_desc;
+#define GPURT_ENVIRONMENT_DESC_INIT {sizeof(gpurt_environment_desc), 0, {0, 0, 0}}
+
+/** Sets the radiance that comes from infinity.
+ *
+ *  World direction (x, y, z) of unit length is looked up at u = atan2(x, -z) / (2 pi) mod 1, v = acos(y) / pi;
+ *  u wraps, v is clamped, filtered bilinearly.
+ */
+GPURT_API gpurt_result gpurt_scene_set_environment(gpurt_scene scene, const gpurt_environment_desc *desc);
+
+typedef enum gpurt_camera_type {
+  GPURT_CAMERA_PERSPECTIVE = 0,
+  GPURT_CAMERA_ORTHOGRAPHIC = 1, /* this version: UNSUPPORTED */
+  GPURT_CAMERA_TYPE_FORCE32 = 0x7fffffff
+} gpurt_camera_type;
+
+typedef struct gpurt_camera_desc {
+  uint32_t struct_size; /* set by GPURT_CAMERA_DESC_INIT */
+  gpurt_camera_type type;
+  float transform[12];     /* camera to world, 3 rows of 4; looks along its -Z, +Y is up; scale is ignored */
+  float yfov_rad;          /* full vertical angle; 0: 45 degrees */
+  float lens_radius;       /* this version: must be 0 (pinhole) */
+  float focus_distance;    /* this version: must be 0 */
+  float shutter_open;      /* this version: must be 0 */
+  float shutter_close;     /* this version: must be 0 */
+  uint32_t width;          /* the image size that the scene's author meant; 0: not said */
+  uint32_t height;
+} gpurt_camera_desc;
+#define GPURT_CAMERA_DESC_INIT \
+  {sizeof(gpurt_camera_desc), GPURT_CAMERA_PERSPECTIVE, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, 0, 0, 0, 0, 0, 0, 0}
+
+/** Adds a camera; ids count from 0. Errors: INVALID_ARGUMENT; UNSUPPORTED. */
+GPURT_API gpurt_result gpurt_scene_add_camera(gpurt_scene scene, const gpurt_camera_desc *desc, uint32_t *out_camera);
+
+/** Reads a camera back. Errors: INVALID_ARGUMENT if there is no such camera. */
+GPURT_API gpurt_result gpurt_scene_get_camera(gpurt_scene scene, uint32_t camera, gpurt_camera_desc *out_desc);
+
+/* ---- Commit ------------------------------------------------------------ */
+
+typedef enum gpurt_accel {
+  GPURT_ACCEL_AUTO = 0,   /* CPU: embree; CUDA: kdtree */
+  GPURT_ACCEL_KDTREE = 1, /* the same bits on every backend */
+  GPURT_ACCEL_EMBREE = 2, /* CPU alone; no leak and t within a stated bound, not the same bits */
+  GPURT_ACCEL_BVH = 3,    /* this version: UNSUPPORTED */
+  GPURT_ACCEL_FORCE32 = 0x7fffffff
+} gpurt_accel;
+
+typedef enum gpurt_triangle_test {
+  GPURT_TRIANGLE_WATERTIGHT = 0,      /* Woop, Benthin and Wald 2013; Embree: its robust mode */
+  GPURT_TRIANGLE_MOLLER_TRUMBORE = 1, /* leaks at edges; Embree: its fast mode */
+  GPURT_TRIANGLE_DOUBLE = 2,          /* the watertight test in double precision; kdtree alone */
+  GPURT_TRIANGLE_TEST_FORCE32 = 0x7fffffff
+} gpurt_triangle_test;
+
+typedef struct gpurt_build_desc {
+  uint32_t struct_size; /* set by GPURT_BUILD_DESC_INIT */
+  gpurt_accel accel;
+  gpurt_triangle_test triangle_test;
+  uint32_t max_depth;          /* kdtree; 0: 8 + 1.3 log2 N; at most 48 */
+  float traversal_cost;        /* kdtree: cost of a step in units of a triangle test; 0: the library's choice */
+  float empty_bonus;           /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
+  float patch_tolerance;       /* largest distance, in metres of object space, between a patch and its triangles;
+                                  0: 1e-4 of the diagonal of the patches' bounds */
+  uint32_t reserved;           /* 0 */
+  const char *tree_cache_path; /* kdtree: reuse the tree of this file if it fits the scene, else build and write it */
+} gpurt_build_desc;
+#define GPURT_BUILD_DESC_INIT \
+  {sizeof(gpurt_build_desc), GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, NULL}
+
+/** Builds the acceleration structure of a scene; queries and renders that start later see it.
+ *
+ *  @param desc  Build options, or NULL for defaults.
+ *
+ *  A failed commit leaves the previous one in force. Work in flight keeps the commit it started with.
+ *  An empty scene is legal: every ray misses.
+ *  Errors: INVALID_ARGUMENT; OUT_OF_MEMORY; UNSUPPORTED; IO for a cache file that cannot be written.
+ *  Source: SAH kd-tree with perfect splits after Wald and Havran 2006.
+ */
+GPURT_API gpurt_result gpurt_scene_commit(gpurt_scene scene, const gpurt_build_desc *desc);
+
+typedef struct gpurt_scene_facts {
+  uint32_t struct_size; /* set by GPURT_SCENE_FACTS_INIT */
+  uint32_t num_geometries;
+  uint32_t num_instances;
+  uint32_t num_materials;
+  uint32_t num_textures;
+  uint32_t num_cameras;
+  uint32_t num_point_lights;   /* point and spot */
+  uint32_t num_distant_lights;
+  uint64_t num_patches;        /* stored */
+  uint64_t num_triangles;      /* stored, tessellated patches included */
+  uint64_t num_world_triangles; /* seen through all instances */
+  uint64_t num_emissive_triangles;
+  float bounds_min[3];         /* world; an empty scene has min > max */
+  float bounds_max[3];
+  uint32_t has_environment;
+  uint32_t has_glass;
+  uint32_t has_alpha_masks;
+  uint32_t is_committed;
+  /* what the last commit built; zero before it */
+  gpurt_accel accel;
+  gpurt_triangle_test triangle_test;
+  uint64_t accel_bytes;        /* acceleration structure, its copies of triangles included */
+  uint64_t scene_bytes;        /* everything that the commit holds */
+  uint64_t num_nodes;
+  uint64_t num_references;     /* triangle references in leaves */
+  uint32_t tree_depth;
+  uint32_t tree_from_cache;    /* 1: read from the cache file or imported */
+  double build_seconds;
+  double sah_cost;
+} gpurt_scene_facts;
+#define GPURT_SCENE_FACTS_INIT {sizeof(gpurt_scene_facts), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}, {0}, 0, 0, 0, 0, GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0}
+
+/** Reads counts and facts of a scene; before the first commit what the commit adds is zero. */
+GPURT_API gpurt_result gpurt_scene_get_facts(gpurt_scene scene, gpurt_scene_facts *out_facts);
+
+/* ---- Tree exchange ------------------------------------------------------ */
+
+/** A kd-tree node. Inner: word is the bits of the float plane; tag = child << 2 | axis, children at child and
+ *  child + 1, below and above the plane. Leaf: word is the first reference; tag = count << 2 | 3. */
+typedef struct gpurt_kdtree_node {
+  uint32_t word;
+  uint32_t tag;
+} gpurt_kdtree_node;
+
+typedef struct gpurt_kdtree {
+  uint32_t struct_size;     /* set by GPURT_KDTREE_INIT */
+  uint32_t tree;            /* 0: all geometries placed once, in world space; 1 + g: geometry g, in object space */
+  uint64_t num_nodes;       /* node 0 is the root; a child's index exceeds its parent's */
+  uint64_t num_references;
+  uint64_t num_triangles;   /* of this tree; tree 0 orders them by instance, then primitive */
+  float bounds_min[3];
+  float bounds_max[3];
+  gpurt_kdtree_node *nodes; /* [num_nodes] */
+  uint32_t *references;     /* [num_references], triangles of leaves */
+} gpurt_kdtree;
+#define GPURT_KDTREE_INIT {sizeof(gpurt_kdtree), 0, 0, 0, 0, {0, 0, 0}, {0, 0, 0}, NULL, NULL}
+
+/** Copies a kd-tree of the last commit out.
+ *
+ *  With nodes and references NULL only sizes and bounds are written. Otherwise num_nodes and num_references tell
+ *  the capacity of the arrays and become the sizes.
+ *  Errors: INVALID_ARGUMENT where there is no such tree or an array is too small.
+ */
+GPURT_API gpurt_result gpurt_scene_export_tree(gpurt_scene scene, gpurt_kdtree *tree);
+
+/** Hands in a kd-tree that the next commits use in place of building one, until the geometry changes.
+ *
+ *  The tree is copied. Its triangles are those of gpurt_scene_export_tree's order; every triangle must be in the
+ *  leaves that it touches, else hits are lost: that alone is the caller's duty and cannot be checked here.
+ *  Errors: INVALID_ARGUMENT for a depth over 48, a plane outside its cell, a child or reference out of range, a
+ *  node reached twice.
+ */
+GPURT_API gpurt_result gpurt_scene_import_tree(gpurt_scene scene, const gpurt_kdtree *tree);
+
+/* ---- Ray queries -------------------------------------------------------- */
+
+typedef struct gpurt_ray {
+  float origin[3];
+  float tmin;         /* hits with t < tmin do not count */
+  float direction[3]; /* need not be unit length; t is in its units. Zero or not finite: the ray misses */
+  float tmax;         /* hits with t > tmax do not count; may be infinite */
+} gpurt_ray;
+
+typedef struct gpurt_hit {
+  float t;            /* of a miss: the ray's tmax */
+  float u, v;         /* barycentric weights of the second and third corner */
+  uint32_t primitive; /* triangle of the geometry; GPURT_INVALID_ID: a miss */
+  uint32_t geometry;
+  uint32_t instance;
+  uint32_t padding[2];
+} gpurt_hit;
+
+typedef struct gpurt_hit_compact {
+  float t;
+  float u, v;
+  uint32_t primitive;
+} gpurt_hit_compact;
+
+typedef enum gpurt_query {
+  GPURT_QUERY_CLOSEST = 0, /* one hit a ray; equal t: the smaller (instance, primitive) */
+  GPURT_QUERY_ANY = 1,     /* one byte a ray: 1 where something is hit */
+  GPURT_QUERY_ALL = 2,     /* every crossing, sorted by (t, instance, primitive) */
+  GPURT_QUERY_FORCE32 = 0x7fffffff
+} gpurt_query;
+
+typedef enum gpurt_hit_format {
+  GPURT_HIT_FULL = 0,    /* gpurt_hit, 32 bytes */
+  GPURT_HIT_COMPACT = 1, /* gpurt_hit_compact, 16 bytes */
+  GPURT_HIT_FORMAT_FORCE32 = 0x7fffffff
+} gpurt_hit_format;
+
+typedef struct gpurt_trace_desc {
+  uint32_t struct_size; /* set by GPURT_TRACE_DESC_INIT */
+  gpurt_query query;
+  gpurt_hit_format format;
+  gpurt_storage storage;   /* where rays, hits, occluded and offsets lie */
+  uint64_t num_rays;
+  const gpurt_ray *rays;   /* [num_rays] */
+  void *hits;              /* CLOSEST: [num_rays]; ALL: [hit_capacity] or NULL to count; ANY: NULL */
+  uint8_t *occluded;       /* ANY: [num_rays]; else NULL */
+  uint64_t *offsets;       /* ALL: [num_rays + 1]; ray i has hits offsets[i] .. offsets[i + 1]; else NULL */
+  uint64_t hit_capacity;   /* ALL: elements that hits has room for */
+} gpurt_trace_desc;
+#define GPURT_TRACE_DESC_INIT \
+  {sizeof(gpurt_trace_desc), GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, GPURT_STORAGE_HOST, 0, NULL, NULL, NULL, NULL, 0}
+
+/** Traces a batch of rays on all threads of the device and returns when it is done.
+ *
+ *  Alpha masks are holes. Rays with a zero or non-finite direction, a non-finite origin or tmin > tmax miss.
+ *  Errors: INVALID_ARGUMENT, also for ALL where hits is too small (offsets are written: offsets[num_rays] is the
+ *  capacity needed) and for a scene that was never committed; OUT_OF_MEMORY; DEVICE; UNSUPPORTED.
+ */
+GPURT_API gpurt_result gpurt_scene_trace(gpurt_scene scene, const gpurt_trace_desc *desc);
+
+/* ---- Frames and rendering ------------------------------------------------ */
+
+typedef enum gpurt_output {
+  GPURT_OUTPUT_COLOR = 0,        /* float32 [h][w][3], radiance: mean over samples */
+  GPURT_OUTPUT_ALPHA = 1,        /* float32 [h][w]: share of samples whose eye ray hit something */
+  GPURT_OUTPUT_DEPTH = 2,        /* float32 [h][w]: distance from the camera's plane, first sample; inf: nothing hit */
+  GPURT_OUTPUT_NORMAL = 3,       /* float32 [h][w][3]: shading normal towards the viewer, mean over samples */
+  GPURT_OUTPUT_ALBEDO = 4,       /* float32 [h][w][3]: reflectance of the first surface, mean over samples */
+  GPURT_OUTPUT_POSITION = 5,     /* float32 [h][w][3]: world position, first sample; nothing hit: 0 */
+  GPURT_OUTPUT_PRIMITIVE = 6,    /* uint32 [h][w], first sample; GPURT_INVALID_ID: nothing hit */
+  GPURT_OUTPUT_INSTANCE = 7,     /* uint32 [h][w], first sample */
+  GPURT_OUTPUT_SAMPLE_COUNT = 8, /* uint32 [h][w] */
+  GPURT_OUTPUT_VARIANCE = 9,     /* float32 [h][w][3]: variance of the colour, from two independent halves */
+  GPURT_OUTPUT_TIME = 10,        /* this version: UNSUPPORTED */
+  GPURT_OUTPUT_COUNT = 11,
+  GPURT_OUTPUT_FORCE32 = 0x7fffffff
+} gpurt_output;
+
+typedef struct gpurt_frame_desc {
+  uint32_t struct_size; /* set by GPURT_FRAME_DESC_INIT */
+  uint32_t width;       /* pixels; 0: what the camera says, else 512 */
+  uint32_t height;
+  uint32_t camera;      /* of the scene */
+  uint32_t outputs;     /* bits 1 << gpurt_output; colour, alpha and sample count are always kept */
+  uint32_t frame_index; /* of an animation: decorrelates the samples of different frames */
+  uint64_t seed;
+  uint64_t first_sample; /* the first sample index that this frame renders; frames with other ranges can be merged */
+} gpurt_frame_desc;
+#define GPURT_FRAME_DESC_INIT {sizeof(gpurt_frame_desc), 0, 0, 0, 0, 0, 0, 0}
+
+/** Creates a frame of a committed scene: the film that renders add to. It keeps the scene alive.
+ *
+ *  Pixel (x, y) covers [x, x+1) x [y, y+1), row 0 is the top row; a value is the mean over that square.
+ *  Errors: INVALID_ARGUMENT; OUT_OF_MEMORY; UNSUPPORTED.
+ */
+GPURT_API gpurt_result gpurt_frame_create(gpurt_scene scene, const gpurt_frame_desc *desc, gpurt_frame *out_frame);
+GPURT_API gpurt_result gpurt_frame_retain(gpurt_frame frame);
+GPURT_API gpurt_result gpurt_frame_release(gpurt_frame frame);
+
+typedef struct gpurt_tile {
+  uint32_t x0, y0; /* first pixel */
+  uint32_t x1, y1; /* one past the last */
+} gpurt_tile;
+
+typedef enum gpurt_pipeline {
+  GPURT_PIPELINE_AUTO = 0, /* path, until there is a planner */
+  GPURT_PIPELINE_PATH = 1,
+  GPURT_PIPELINE_PHOTON = 2, /* this version: UNSUPPORTED */
+  GPURT_PIPELINE_REYES = 3,  /* this version: UNSUPPORTED */
+  GPURT_PIPELINE_HYBRID = 4, /* this version: UNSUPPORTED */
+  GPURT_PIPELINE_FORCE32 = 0x7fffffff
+} gpurt_pipeline;
+
+/** Called now and then from one thread at a time while a job runs; done and total are in samples. Must not call gpurt. */
+typedef void (*gpurt_progress_fn)(void *user, double done, double total);
+
+typedef struct gpurt_render_desc {
+  uint32_t struct_size; /* set by GPURT_RENDER_DESC_INIT */
+  gpurt_pipeline pipeline;
+  uint32_t samples_per_pixel; /* until every pixel of the tiles has this many; 0: by error or time, else 64 */
+  float target_error;         /* stop at the first whole-frame pass whose estimated relMSE is below; 0: none */
+  double time_limit_s;        /* stop at the last whole-frame pass that fits; 0: none */
+  uint32_t max_depth;         /* emission seen directly is 1, direct light 2; 0: 17 */
+  uint32_t tile_size;         /* edge of the square work unit in pixels; 0: the library's choice; changes no bits */
+  gpurt_progress_fn progress; /* NULL: none */
+  void *progress_user;
+} gpurt_render_desc;
+#define GPURT_RENDER_DESC_INIT {sizeof(gpurt_render_desc), GPURT_PIPELINE_AUTO, 0, 0, 0, 0, 0, NULL, NULL}
+
+/** Starts rendering of tiles; returns at once.
+ *
+ *  @param desc       Settings, or NULL for defaults.
+ *  @param tiles      Any rectangles of the frame in any order; NULL with num_tiles 0: the whole frame.
+ *  @param out_job    Owned by the caller. Keeps the frame alive.
+ *
+ *  Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was, and
+ *  the image has the same bits as if it had run at once. Jobs of one frame run one after another.
+ *  Errors: INVALID_ARGUMENT; UNSUPPORTED; OUT_OF_MEMORY.
+ */
+GPURT_API gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc, const gpurt_tile *tiles,
+                                          size_t num_tiles, gpurt_job *out_job);
+
+/** Waits for a job. Returns its result, CANCELLED if it was cancelled, or TIMEOUT if it still runs. timeout_ns 0 polls. */
+GPURT_API gpurt_result gpurt_job_wait(gpurt_job job, uint64_t timeout_ns);
+
+/** Asks a job to stop; it does so within half a second, keeping whole samples. Waiting then returns CANCELLED. */
+GPURT_API gpurt_result gpurt_job_cancel(gpurt_job job);
+
+/** Share of the job that is done, in [0, 1]. */
+GPURT_API gpurt_result gpurt_job_get_progress(gpurt_job job, double *out_share);
+GPURT_API gpurt_result gpurt_job_retain(gpurt_job job);
+
+/** Gives a job back. One that still runs is cancelled. */
+GPURT_API gpurt_result gpurt_job_release(gpurt_job job);
+
+/** Copies an output of the frame to host memory.
+ *
+ *  @param data        Room for the output's shape as gpurt_output states it, top row first.
+ *  @param size_bytes  Size of data; must match exactly.
+ *
+ *  Pixels without samples are 0. May be called while a job runs: whole samples are seen.
+ *  Errors: INVALID_ARGUMENT, also for an output that the frame was not created with.
+ */
+GPURT_API gpurt_result gpurt_frame_read(gpurt_frame frame, gpurt_output output, void *data, uint64_t size_bytes);
+
+/** Writes the frame to a file, by its extension.
+ *
+ *  .exr: float32, every output of the frame as a named layer, settings, seed and version in the header.
+ *  .png: the colour, tonemapped with x / (1 + x) and the sRGB curve.
+ *  .gpurt: the frame's sums, exact, for gpurt_frame_load_state and merging elsewhere.
+ *  Written to a temporary name in the same folder, then renamed.
+ *  Errors: INVALID_ARGUMENT for another extension; IO.
+ */
+GPURT_API gpurt_result gpurt_frame_save(gpurt_frame frame, const char *path);
+
+/** Adds the samples of `other` to `frame`; any order of merging gives the same bits as rendering at once.
+ *
+ *  Errors: INVALID_ARGUMENT where scenes, sizes, seeds, outputs or settings differ, or samples would count twice.
+ */
+GPURT_API gpurt_result gpurt_frame_merge(gpurt_frame frame, gpurt_frame other);
+
+/** Adds the samples of a .gpurt file to `frame`. Errors: as gpurt_frame_merge; IO for a damaged file. */
+GPURT_API gpurt_result gpurt_frame_load_state(gpurt_frame frame, const char *path);
+
+typedef struct gpurt_statistics {
+  uint32_t struct_size; /* set by GPURT_STATISTICS_INIT */
+  /* resolved settings of the last job */
+  gpurt_pipeline pipeline;
+  gpurt_accel accel;
+  gpurt_triangle_test triangle_test;
+  uint32_t max_depth;
+  uint32_t tile_size;
+  uint32_t num_threads;
+  uint32_t width;
+  uint32_t height;
+  uint64_t seed;
+  uint64_t samples_per_pixel; /* the smallest number that a pixel of the frame has */
+  /* totals over all jobs of the frame */
+  uint64_t num_samples;       /* camera paths */
+  uint64_t num_camera_rays;
+  uint64_t num_bounce_rays;
+  uint64_t num_shadow_rays;
+  uint64_t num_nonfinite;     /* samples that were not finite and left out; 0 in a sound scene */
+  uint64_t num_saturated;     /* sums that left the film's range; not 0 makes the job fail */
+  double render_seconds;
+  double generate_seconds;    /* per stage, summed over threads */
+  double trace_seconds;
+  double shade_seconds;
+  double shadow_seconds;
+  double film_seconds;
+  double build_seconds;       /* of the scene's commit */
+  double estimated_error;     /* relMSE of the frame, from two independent halves; negative: not known */
+  double largest_sample;      /* largest radiance of a single sample */
+  uint64_t memory_peak_bytes;
+  char reason[256];           /* why settings were chosen */
+} gpurt_statistics;
+#define GPURT_STATISTICS_INIT {sizeof(gpurt_statistics), GPURT_PIPELINE_AUTO, GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}}
+
+/** Reads the statistics of a frame; while a job runs, of what is done so far. */
+GPURT_API gpurt_result gpurt_frame_get_statistics(gpurt_frame frame, gpurt_statistics *out_statistics);
 
 #ifdef __cplusplus
 }
 #endif
-
-#endif /* GPURT_H */
+#endif

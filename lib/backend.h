@@ -1,0 +1,135 @@
+// What a backend is to the rest of the library: it commits scenes, traces rays and renders work units.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/accel/kd_tree.h"
+#include "core/accel/ray.h"
+#include "core/path/path_settings.h"
+#include "frame/film.h"
+#include "memory.h"
+#include "scene/compiled_scene.h"
+
+namespace gpurt {
+
+enum class Accel : uint32_t { Auto = 0, KdTree = 1, Embree = 2, Bvh = 3 };  // values of gpurt_accel
+
+/// A kd-tree handed in or out by the tree exchange. Tree 0 is group 0; 1 + g is the group of shared geometry g.
+struct HostKdTree {
+  std::vector<KdNode> nodes;
+  std::vector<uint32_t> references;  // triangles, counted from the group's first
+  Box bounds;
+  uint64_t num_triangles = 0;
+};
+
+struct BuildOptions {
+  Accel accel = Accel::Auto;
+  TriangleTest triangle_test = TriangleTest::Watertight;
+  uint32_t max_depth = 0;      // 0: 8 + 1.3 log2 N
+  float traversal_cost = 0;    // 0: the builder's choice
+  float empty_bonus = 0;       // 0: the builder's choice
+  std::string cache_path;      // "": none
+  std::vector<std::pair<uint32_t, std::shared_ptr<const HostKdTree>>> imported;  // (tree, nodes) to use in place of building
+};
+
+/// What a commit built, for gpurt_scene_facts.
+struct AccelFacts {
+  Accel accel = Accel::Auto;  // resolved
+  TriangleTest triangle_test = TriangleTest::Watertight;
+  uint64_t accel_bytes = 0;
+  uint64_t num_nodes = 0;
+  uint64_t num_references = 0;
+  uint32_t tree_depth = 0;
+  bool from_cache = false;
+  double sah_cost = 0;
+};
+
+enum class QueryKind : uint32_t { Closest = 0, Any = 1, All = 2 };
+
+/// gpurt_trace_desc after validation.
+struct TraceRequest {
+  QueryKind query = QueryKind::Closest;
+  bool compact = false;
+  bool device_memory = false;
+  uint64_t num_rays = 0;
+  const Ray *rays = nullptr;
+  void *hits = nullptr;
+  uint8_t *occluded = nullptr;
+  uint64_t *offsets = nullptr;
+  uint64_t hit_capacity = 0;
+};
+
+/// A rectangle of pixels and the sample indices to take in each of them.
+struct WorkUnit {
+  uint32_t x0, y0, x1, y1;
+  uint64_t first_sample, num_samples;
+};
+
+/// Times are summed over threads.
+struct RenderCounters {
+  uint64_t num_samples = 0, num_camera_rays = 0, num_bounce_rays = 0, num_shadow_rays = 0, num_nonfinite = 0;
+  double generate_seconds = 0, trace_seconds = 0, shade_seconds = 0, shadow_seconds = 0, film_seconds = 0;
+  float largest_sample = 0;
+};
+
+/// One pass: units in any order, on all workers of the backend.
+struct RenderPass {
+  PathSettings settings;
+  std::span<const WorkUnit> units;
+  const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
+  /// Takes the finished samples of a unit; called from any thread. A unit is delivered whole or not at all.
+  std::function<void(const WorkUnit &, const TileFilm &, const RenderCounters &)> deliver;
+};
+
+/// An immutable scene, ready to trace. Used from any thread.
+class CommittedScene {
+ public:
+  virtual ~CommittedScene() = default;
+  virtual const AccelFacts &accel_facts() const = 0;
+  virtual void trace(const TraceRequest &request) const = 0;
+  virtual void render(const RenderPass &pass) const = 0;
+  /// Throws INVALID_ARGUMENT where there is no such kd-tree.
+  virtual HostKdTree export_tree(uint32_t tree) const = 0;
+};
+
+struct DeviceInfo {
+  gpurt_device_type type = GPURT_DEVICE_CPU;
+  uint32_t ordinal = 0;
+  uint32_t num_threads = 0;
+  uint64_t memory_bytes = 0;
+  uint32_t compute_capability = 0;
+  std::string name, instruction_set;
+};
+
+/// A device in use. Used from any thread.
+class Backend {
+ public:
+  virtual ~Backend() = default;
+  virtual const DeviceInfo &info() const = 0;
+  virtual const std::shared_ptr<MemoryTracker> &memory() const = 0;
+  virtual std::shared_ptr<const CommittedScene> commit(std::shared_ptr<const CompiledScene> scene, const BuildOptions &options) = 0;
+  /// Device memory that the host cannot reach, filled with zeros; the deleter frees it. On the CPU: host memory.
+  virtual std::shared_ptr<void> allocate(uint64_t bytes) = 0;
+  virtual void copy_to_host(void *host, const void *device, uint64_t bytes) = 0;
+};
+
+struct BackendOptions {
+  uint32_t ordinal = 0;
+  uint32_t num_threads = 0;
+  uint64_t memory_limit_bytes = 0;
+  std::function<void(gpurt_log_level, const std::string &)> log;  // may be called from any thread
+};
+
+/// One way to make devices; the registry in lib/api lists them.
+struct BackendFactory {
+  gpurt_device_type type;
+  std::vector<DeviceInfo> (*enumerate)();  // never throws for want of a driver
+  std::unique_ptr<Backend> (*create)(const BackendOptions &options);
+};
+
+}  // namespace gpurt

@@ -1,0 +1,29 @@
+// The sums of a film: of a whole frame, or of the rectangle that a work unit covers.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/path/film_view.h"
+
+namespace gpurt {
+
+/// Film arrays in host memory; the optional ones are empty unless asked for.
+struct TileFilm {
+  uint32_t width = 0, height = 0;
+  uint32_t outputs = 0;  // bits of gpurt_output that have arrays
+  std::vector<PixelSums> pixels;
+  std::vector<PixelFeatures> features;  // mean normal and albedo
+  std::vector<PixelFirstHit> first_hits;  // of sample 0
+
+  /// Resizes and clears.
+  void reset(uint32_t w, uint32_t h, uint32_t wanted_outputs);
+  FilmView view();
+  uint64_t bytes() const;
+  static uint64_t bytes_for(uint64_t num_pixels, uint32_t wanted_outputs);
+};
+
+/// Adds `tile` at (x0, y0) of `frame`.
+void add_film(TileFilm &frame, const TileFilm &tile, uint32_t x0, uint32_t y0);
+
+}  // namespace gpurt

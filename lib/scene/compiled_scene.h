@@ -1,0 +1,46 @@
+// The committed scene in host memory, in the layout of SceneView. Backends build accelerators from it and upload it.
+#pragma once
+
+#include <vector>
+
+#include "memory.h"
+#include "scene/scene_data.h"
+
+namespace gpurt {
+
+struct CompiledScene {
+  std::vector<Vec3f> positions;
+  std::vector<UInt3> indices;
+  std::vector<uint32_t> triangle_segment;
+  std::vector<Vec3f> normals;
+  std::vector<Vec2f> uvs;
+  std::vector<Segment> segments;
+  std::vector<Group> groups;  // group 0 is always there
+  std::vector<uint32_t> group_geometry;  // public id of the shared geometry of a group; invalid_id for group 0
+  std::vector<Placement> placements;
+  std::vector<Material> materials;
+  std::vector<Texture> textures;  // texels point into texture_data
+  std::vector<std::shared_ptr<const std::vector<std::byte>>> texture_data;
+  std::vector<Light> lights;
+  std::vector<LightNode> light_nodes;
+  Environment environment{};
+  std::vector<float> environment_rows, environment_columns;
+  std::vector<CameraData> cameras;
+  Box bounds;
+  uint32_t num_tree_lights = 0;
+  uint32_t num_distant_lights = 0;
+  bool has_alpha_masks = false;
+  uint64_t num_patches = 0;
+  uint64_t hash = 0;  // of everything that decides an image: identifies the scene of a film or a tree cache
+
+  /// Pointers into this object, valid while it lives unchanged.
+  SceneView view() const;
+  uint64_t bytes() const;
+};
+
+/// Turns a description into arrays: tessellates patches to `patch_tolerance` (0: 1e-4 of their diagonal), bakes
+/// geometries placed once into world space, collects lights and builds the light tree and the environment's table.
+/// Transforms are applied in double precision and rounded once.
+CompiledScene compile_scene(const SceneData &scene, float patch_tolerance);
+
+}  // namespace gpurt
