@@ -7,6 +7,7 @@ target_compile_features(gpurt_flags INTERFACE c_std_99 cxx_std_20)
 
 set(gpurt_host_flags -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall -Wextra)
 target_compile_options(gpurt_flags INTERFACE "$<$<COMPILE_LANGUAGE:C,CXX>:${gpurt_host_flags}>")
+target_compile_definitions(gpurt_flags INTERFACE $<$<CONFIG:Debug>:GPURT_ASSERTS>)
 
 set(CMAKE_C_EXTENSIONS OFF)
 set(CMAKE_CXX_EXTENSIONS OFF)
