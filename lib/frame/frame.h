@@ -1,0 +1,129 @@
+// A frame: the film that jobs add samples to, read, saved, continued and merged exactly.
+#pragma once
+
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <string>
+
+#include "backend.h"
+#include "frame/film.h"
+
+namespace gpurt {
+
+/// What a frame renders and where: one commit of a scene, and the device that made it.
+struct FrameScene {
+  std::shared_ptr<const CommittedScene> committed;
+  std::shared_ptr<const CompiledScene> compiled;
+  std::shared_ptr<MemoryTracker> memory;  // may be null: nothing is accounted
+  uint32_t num_threads = 1;
+  double build_seconds = 0;
+};
+
+/// gpurt_frame_desc after validation. Two frames whose settings and scenes are equal hold samples of the same image.
+struct FrameSettings {
+  uint32_t width = 0, height = 0;
+  uint32_t camera = 0;
+  uint32_t outputs = 0;  // bits of gpurt_output; colour, alpha and sample count are always set
+  uint32_t frame_index = 0;
+  uint64_t seed = 0;
+  uint64_t first_sample = 0;  // where pixels without samples start; frames may differ in it and still be merged
+};
+
+/// Sample indices that a pixel has seen: all of them lie in [begin, end). Both 0: none yet.
+struct SampleRange {
+  uint64_t begin = 0, end = 0;
+};
+
+/// Totals over all jobs of a frame, and what its samples were made with; part of a saved state.
+struct FrameTotals {
+  gpurt_pipeline pipeline = GPURT_PIPELINE_AUTO;  // AUTO: no job has run yet
+  uint32_t max_depth = 0;                         // 0: no job has run yet
+  RenderCounters counters;
+  uint64_t num_saturated = 0;
+  double render_seconds = 0;
+};
+
+/// The sums of a frame with all that identifies them: a film that can be merged, on its way from or to a file.
+struct FrameState {
+  FrameSettings settings;
+  uint64_t scene_hash = 0;
+  Camera camera{};
+  Accel accel = Accel::Auto;
+  TriangleTest triangle_test = TriangleTest::Watertight;
+  FrameTotals totals;
+  TileFilm film;
+  std::vector<SampleRange> ranges;  // per pixel
+};
+
+class Job;
+
+/// Used from any thread. Jobs keep it alive.
+class Frame {
+ public:
+  /// Checks `desc` against the scene and reserves the film. Throws INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED.
+  Frame(FrameScene scene, const gpurt_frame_desc &desc);
+  ~Frame();
+  Frame(const Frame &) = delete;
+  Frame &operator=(const Frame &) = delete;
+
+  const FrameSettings &settings() const { return state_.settings; }
+  const FrameScene &scene() const { return scene_; }
+
+  /// Copies an output as gpurt_frame_read does; may run while a job renders.
+  void read(gpurt_output output, void *data, uint64_t size_bytes) const;
+  /// Number of bytes that read() wants for an output. Throws INVALID_ARGUMENT for one that the frame has not.
+  uint64_t output_bytes(gpurt_output output) const;
+  /// Writes .exr, .png or .gpurt, by the extension.
+  void save(const std::string &path) const;
+
+  /// Adds the samples of another frame. Throws INVALID_ARGUMENT and changes nothing where they do not fit together.
+  void merge(Frame &other);
+  void load_state(const std::string &path);
+
+  /// Fills everything but struct_size.
+  void statistics(gpurt_statistics &out) const;
+  /// relMSE of the frame from its halves (see error_estimate.h); negative where it is not known.
+  double estimated_error() const;
+
+ private:
+  friend class Job;
+  friend class FrameRenderer;
+
+  // Bands of rows have a mutex each, so that finished units are added side by side and readers see whole samples.
+  static constexpr uint32_t rows_per_band = 16;
+  std::mutex &band_mutex(uint32_t y) const { return bands_[y / rows_per_band]; }
+
+  void check_mergeable(const FrameState &other, const char *other_name) const;
+  void merge_state(const FrameState &other, const std::string &other_name);
+  void refuse_while_rendering(const char *what) const;
+  /// Calls row(y) for every row, each band under its mutex.
+  template <class RowFn>
+  void for_each_row(uint32_t y0, uint32_t y1, RowFn &&row) const;
+
+  // Called by jobs.
+  PathSettings path_settings(uint32_t max_depth) const;
+  void add_unit(const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters);
+  uint64_t next_sample(const SampleRange &range) const { return range.end != 0 ? range.end : state_.settings.first_sample; }
+
+  FrameScene scene_;
+  FrameState state_;  // pixels under their band's mutex, totals under totals_mutex_
+  Reservation memory_;
+  mutable std::vector<std::mutex> bands_;
+  mutable std::mutex totals_mutex_;
+  uint64_t generation_ = 0;  // counts changes of the film; under totals_mutex_
+  uint64_t num_gaps_ = 0;    // pixels whose range has holes, as a merge can leave them; under jobs_mutex_
+  uint32_t last_tile_size_ = 0;
+  std::string reason_;
+
+  // Jobs in the order of their submission: the first one renders.
+  mutable std::mutex jobs_mutex_;
+  mutable std::condition_variable jobs_changed_;
+  std::deque<Job *> jobs_;
+
+  mutable std::mutex estimate_mutex_;
+  mutable uint64_t estimate_generation_ = ~uint64_t(0);
+  mutable double estimate_ = -1;
+};
+
+}  // namespace gpurt
