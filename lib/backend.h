@@ -80,6 +80,7 @@ struct RenderCounters {
 /// One pass: units in any order, on all workers of the backend.
 struct RenderPass {
   PathSettings settings;
+  uint32_t outputs = 0;  // bits 1 << gpurt_output that the film has arrays for
   std::span<const WorkUnit> units;
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
   /// Takes the finished samples of a unit; called from any thread. A unit is delivered whole or not at all.

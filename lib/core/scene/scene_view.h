@@ -75,7 +75,7 @@ struct Light {
   Vec3f position;      // Point, Spot
   Vec3f direction;     // Spot, Distant: unit, where it shines
   float cos_inner, cos_outer;
-  uint64_t tree_path;  // bit per level from the root of the light tree: 1 is the second child
+  uint64_t tree_path;  // bit i: which child is taken at level i of the light tree, the root being level 0
 };
 
 // A node of the light tree. Source: Conty Estevez and Kulla 2018.
@@ -96,8 +96,9 @@ struct Environment {
   Vec3f radiance;  // constant, or factor of the texture
   uint32_t texture;            // invalid_id: constant
   uint32_t is_present;
+  float mean_luminance;        // over the sphere, of an image; else 0
   uint32_t width, height;      // of the table
-  const float *row_cdf;        // [height + 1]
+  const float *row_cdf;        // [height + 1]; null: constant, or black
   const float *column_cdf;     // [height][width + 1]
 };
 

@@ -1,0 +1,144 @@
+#include "cpu/path/render.h"
+
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+
+#include <chrono>
+#include <cstring>
+
+#include "core/path/path_pipeline.h"
+
+namespace gpurt {
+namespace {
+
+// Paths that run through the stages together: enough to fill the stages' loops, few enough to stay in a core's cache.
+constexpr uint32_t wave_capacity = 2048;
+
+double steady_seconds()
+{
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+// One thread's memory for a wave and for the film of its unit.
+class Scratch {
+ public:
+  Scratch()
+      : paths_(wave_capacity), hits_(wave_capacity), rays_(wave_capacity), next_rays_(wave_capacity),
+        shadow_slots_(wave_capacity), shadow_rays_(wave_capacity), ids_(4 * size_t(wave_capacity)),
+        contributions_(2 * size_t(wave_capacity)), occluded_(wave_capacity)
+  {
+  }
+
+  PathWave wave()
+  {
+    uint32_t *ids = ids_.data();
+    Vec3f *contributions = contributions_.data();
+    return {paths_.data(),
+            {rays_.data(), ids},
+            hits_.data(),
+            {next_rays_.data(), ids + wave_capacity},
+            {shadow_slots_.data(), ids + 2 * wave_capacity, contributions},
+            {shadow_rays_.data(), ids + 3 * wave_capacity, contributions + wave_capacity},
+            occluded_.data()};
+  }
+
+  static constexpr uint64_t bytes()
+  {
+    return uint64_t(wave_capacity) *
+           (sizeof(PathState) + sizeof(Hit) + 4 * (sizeof(Ray) + sizeof(uint32_t)) + 2 * sizeof(Vec3f) + 1);
+  }
+
+  TileFilm film;
+
+ private:
+  std::vector<PathState> paths_;
+  std::vector<Hit> hits_;
+  std::vector<Ray> rays_, next_rays_, shadow_slots_, shadow_rays_;
+  std::vector<uint32_t> ids_;
+  std::vector<Vec3f> contributions_;
+  std::vector<uint8_t> occluded_;
+};
+
+RenderCounters counters_from(const PathKernelCounters &kernel, uint64_t num_samples)
+{
+  RenderCounters c;
+  c.num_samples = num_samples;
+  c.num_camera_rays = kernel.num_camera_rays;
+  c.num_bounce_rays = kernel.num_bounce_rays;
+  c.num_shadow_rays = kernel.num_shadow_rays;
+  c.generate_seconds = kernel.stage_seconds[uint32_t(PathStage::Generate)];
+  c.trace_seconds = kernel.stage_seconds[uint32_t(PathStage::Trace)];
+  c.shade_seconds = kernel.stage_seconds[uint32_t(PathStage::Shade)];
+  c.shadow_seconds = kernel.stage_seconds[uint32_t(PathStage::Shadow)];
+  c.film_seconds = kernel.stage_seconds[uint32_t(PathStage::Film)];
+  c.largest_sample = kernel.largest_sample;
+  return c;
+}
+
+uint64_t largest_film_bytes(const RenderPass &pass)
+{
+  uint64_t bytes = 0;
+  for (const WorkUnit &u : pass.units) {
+    bytes = std::max(bytes, TileFilm::bytes_for(uint64_t(u.x1 - u.x0) * (u.y1 - u.y0), pass.outputs));
+  }
+  return bytes;
+}
+
+}  // namespace
+
+void render_on_cpu(const RenderPass &pass, const CpuAccel &accel, const SceneView &scene, PathKernel kernel,
+                   tbb::task_arena &arena, const std::shared_ptr<MemoryTracker> &memory)
+{
+  const uint64_t num_threads = uint64_t(arena.max_concurrency());
+  const Reservation reserved(memory, num_threads * (Scratch::bytes() + largest_film_bytes(pass)),
+                             "rendering's working memory");
+  const auto is_cancelled = [&] { return pass.cancelled != nullptr && pass.cancelled->load(std::memory_order_relaxed); };
+
+  arena.execute([&] {
+    tbb::enumerable_thread_specific<Scratch> scratches;
+    tbb::parallel_for(
+        tbb::blocked_range<size_t>(0, pass.units.size(), 1),
+        [&](const tbb::blocked_range<size_t> &range) {
+          Scratch &scratch = scratches.local();
+          const PathWave wave = scratch.wave();
+          for (size_t k = range.begin(); k != range.end(); ++k) {
+            const WorkUnit &unit = pass.units[k];
+            const uint32_t width = unit.x1 - unit.x0, height = unit.y1 - unit.y0;
+            scratch.film.reset(width, height, pass.outputs);
+            PathKernelCounters counters{};
+            const uint64_t num_paths = uint64_t(width) * height * unit.num_samples;
+            for (uint64_t first = 0; first < num_paths; first += wave_capacity) {
+              if (is_cancelled()) return;
+              const PathUnit part{unit.x0, unit.y0, unit.x1, unit.y1, unit.first_sample, first};
+              kernel(accel, scene, pass.settings, part, wave, scratch.film.view(),
+                     uint32_t(std::min<uint64_t>(wave_capacity, num_paths - first)), steady_seconds, counters);
+            }
+            pass.deliver(unit, scratch.film, counters_from(counters, num_paths));
+          }
+        },
+        tbb::simple_partitioner());
+  });
+}
+
+#if defined(__x86_64__)
+inline namespace x86_64 {
+void render_paths(const CpuAccel &, const SceneView &, const PathSettings &, const PathUnit &, const PathWave &,
+                  const FilmView &, uint32_t, double (*)(), PathKernelCounters &);
+}
+namespace x86_64_v3 {
+void render_paths(const CpuAccel &, const SceneView &, const PathSettings &, const PathUnit &, const PathWave &,
+                  const FilmView &, uint32_t, double (*)(), PathKernelCounters &);
+}
+PathKernel path_kernel(const char *isa_name)
+{
+  return std::strcmp(isa_name, "x86_64_v3") == 0 ? x86_64_v3::render_paths : x86_64::render_paths;
+}
+#else
+inline namespace generic {
+void render_paths(const CpuAccel &, const SceneView &, const PathSettings &, const PathUnit &, const PathWave &,
+                  const FilmView &, uint32_t, double (*)(), PathKernelCounters &);
+}
+PathKernel path_kernel(const char *) { return generic::render_paths; }
+#endif
+
+}  // namespace gpurt
