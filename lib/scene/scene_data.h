@@ -99,9 +99,15 @@ struct CameraData {
   uint32_t width, height;  // 0: not said
 };
 
+/// White Lambertian.
+inline Material default_material()
+{
+  return {MaterialType::Lambert, {1, 1, 1}, 1, 1.5f, 1, 0, {0, 0, 0}, invalid_id, 0};
+}
+
 struct SceneData {
   std::vector<TextureData> textures;
-  std::vector<Material> materials;  // 0 is the white Lambertian default; texture and material indices here count from 0
+  std::vector<Material> materials = {default_material()};  // 0 stays the default; indices here count from 0
   std::vector<GeometryData> geometries;
   std::vector<InstanceData> instances;
   std::vector<PointLightData> lights;
