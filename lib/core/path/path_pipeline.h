@@ -29,7 +29,7 @@ void trace_paths(Executor &exec, const SceneView &scene, const PathSettings &set
     if (depth == 1 && (film.features != nullptr || film.first_hits != nullptr)) {
       exec.for_each(PathStage::Film, num_pixels, AddFeatures{scene, settings, unit, wave, film, num_paths});
     }
-    exec.for_each(PathStage::Shade, num_rays, ShadePathVertex{scene, settings, unit, wave, depth});
+    exec.for_each(PathStage::Shade, num_rays, ShadePathVertex{scene, settings, wave, depth});
     const uint32_t num_shadows = exec.compact_shadows(wave.shadows, num_rays, wave.shadow_queue);
     exec.trace_occluded(wave.shadow_queue.rays, wave.occluded, num_shadows);
     exec.for_each(PathStage::Shadow, num_shadows, AddDirectLight{wave});

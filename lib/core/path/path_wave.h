@@ -19,6 +19,7 @@ struct PathState {
   Vec3f position;   // of the last vertex, for the density of lights seen from it
   Vec3f normal;
   Vec3f radiance;
+  SampleKey key;
   uint32_t covered;
 };
 
@@ -81,11 +82,12 @@ struct GenerateCameraRays {
   GPURT_HD void operator()(uint32_t i) const
   {
     const PathSample s = path_sample(unit, i);
-    const Vec2f u = sample_2d(sample_key(settings.seed, settings.frame_index, s.x, s.y, s.sample), dim_pixel);
+    const SampleKey key = sample_key(settings.seed, settings.frame_index, s.x, s.y, s.sample);
+    const Vec2f u = sample_2d(key, dim_pixel);
     float depth_per_t;
     wave.rays.rays[i] = camera_ray(settings.camera, float(s.x) + u.x, float(s.y) + u.y, depth_per_t);
     wave.rays.paths[i] = i;
-    wave.paths[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), 0};
+    wave.paths[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0};
   }
 };
 
@@ -93,7 +95,6 @@ struct GenerateCameraRays {
 struct ShadePathVertex {
   SceneView scene;
   PathSettings settings;
-  PathUnit unit;
   PathWave wave;
   uint32_t depth;  // of the ray that was traced: 1 is the eye ray
 
@@ -146,15 +147,13 @@ struct ShadePathVertex {
       Vec3f s, t;
       make_frame(normal, s, t);
       const Vec3f wo{dot(wo_world, s), dot(wo_world, t), dot(wo_world, normal)};
-      const PathSample sample = path_sample(unit, path_index);
-      const SampleKey key = sample_key(settings.seed, settings.frame_index, sample.x, sample.y, sample.sample);
       const uint32_t pair = (depth - 1) * dims_per_step;
-      const Vec2f choice = sample_2d(key, pair + dim_choice);
+      const Vec2f choice = sample_2d(path.key, pair + dim_choice);
       if (!is_delta(bsdf)) {
-        direct_light(i, surface, bsdf, normal, s, t, wo, sample_2d(key, pair + dim_light_choice).x,
-                     sample_2d(key, pair + dim_light), path);
+        direct_light(i, surface, bsdf, normal, s, t, wo, sample_2d(path.key, pair + dim_light_choice).x,
+                     sample_2d(path.key, pair + dim_light), path);
       }
-      continue_path(i, surface, bsdf, normal, s, t, wo, choice, sample_2d(key, pair + dim_bsdf), path);
+      continue_path(i, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf), path);
     }
     wave.paths[path_index] = path;
   }
