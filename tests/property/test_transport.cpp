@@ -1,0 +1,157 @@
+// Closed forms of light transport: what a path tracer must get right whatever the sampling.
+#include "../support/gpurt_test.h"
+
+namespace {
+
+using namespace gpurt_test;
+
+class Transport : public testing::TestWithParam<gpurt_accel> {};
+INSTANTIATE_TEST_SUITE_P(Accels, Transport, testing::Values(GPURT_ACCEL_KDTREE, GPURT_ACCEL_EMBREE),
+                         [](const auto &info) { return info.param == GPURT_ACCEL_KDTREE ? "kdtree" : "embree"; });
+
+// Catalogue row 24: a white sphere under a unit sky sends out what it receives.
+TEST_P(Transport, FurnaceOfAWhiteSphereUnderAUnitSkyIsOne)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, icosphere(4), add_material(scene, GPURT_MATERIAL_LAMBERT, {1, 1, 1}));
+  set_environment(scene, 1);
+  add_camera(scene, {0, 0, 4}, 0.6f);
+  commit(scene, GetParam());
+  const RenderOptions o{.spp = 64};
+  Frame frame = make_frame(scene, o);
+  render(frame, o);
+  // The sphere is convex, so every path meets the sky after one bounce: exact up to rounding.
+  for (float c : read_color(frame, o)) ASSERT_NEAR(c, 1.0f, 0.002f);
+}
+
+// Within a closed sphere of albedo 1/2 with a point light of intensity pi at the centre, direct light is 1/2, and every
+// further bounce half of the one before.
+TEST_P(Transport, ClosedSphereWithAPointLightSumsTheGeometricSeries)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, icosphere(5), add_material(scene, GPURT_MATERIAL_LAMBERT, {0.5f, 0.5f, 0.5f}));
+  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+  for (float &c : light.intensity) c = 3.14159265f;
+  GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, nullptr));
+  add_camera(scene, {0, 0, 0.1f}, 1.0f);
+  commit(scene, GetParam());
+  for (const uint32_t depth : {2u, 3u, 17u}) {
+    const RenderOptions o{.spp = 256, .max_depth = depth};
+    Frame frame = make_frame(scene, o);
+    render(frame, o);
+    const double expected = 1 - std::pow(0.5, double(depth) - 1);
+    // Level 5 facets lie up to 0.0006 within the unit sphere, and irradiance goes with the squared distance: 0.002.
+    EXPECT_NEAR(mean(read_color(frame, o)), expected, 0.003 * expected) << "max_depth " << depth;
+  }
+}
+
+// A white Lambertian floor under a distant light at 60 degrees: radiance = albedo E cos / pi, without noise.
+TEST_P(Transport, DistantLightOnAFloorIsExact)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, quad({-50, -50, 0}, {50, -50, 0}, {50, 50, 0}, {-50, 50, 0}),
+           add_material(scene, GPURT_MATERIAL_LAMBERT, {0.25f, 0.5f, 0.75f}));
+  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+  light.type = GPURT_LIGHT_DISTANT;
+  for (float &c : light.intensity) c = 2;
+  light.direction[0] = std::sqrt(0.75f);
+  light.direction[2] = -0.5f;
+  GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, nullptr));
+  add_camera(scene, {0, 0, 4}, 0.6f);
+  commit(scene, GetParam());
+  const RenderOptions o{.spp = 4};
+  Frame frame = make_frame(scene, o);
+  render(frame, o);
+  const std::vector<float> color = read_color(frame, o);
+  for (size_t i = 0; i < color.size(); i += 3) {
+    for (int c = 0; c < 3; ++c) ASSERT_NEAR(color[i + c], 0.25 * (c + 1) * 2 * 0.5 / M_PI, 1e-6);
+  }
+}
+
+// Irradiance under a square lamp: the closed form for a differential patch facing a parallel rectangle.
+TEST_P(Transport, SquareLampMatchesTheFormFactor)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, quad({-0.01f, -0.01f, 0}, {0.01f, -0.01f, 0}, {0.01f, 0.01f, 0}, {-0.01f, 0.01f, 0}),
+           add_material(scene, GPURT_MATERIAL_LAMBERT, {0.5f, 0.5f, 0.5f}));
+  // One lamp of half edge 1 at distance 2, shining down; the camera looks from below its plane beside the axis.
+  add_mesh(scene, quad({-1, -1, 2}, {-1, 1, 2}, {1, 1, 2}, {1, -1, 2}),
+           add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}, {3, 3, 3}));
+  add_camera(scene, {0, 0, 1}, 0.005f);
+  commit(scene, GetParam());
+  const RenderOptions o{.width = 8, .height = 8, .spp = 1024};
+  Frame frame = make_frame(scene, o);
+  render(frame, o);
+  const double x = 0.5;  // half edge over distance
+  const double quarter = x / std::sqrt(1 + x * x) * std::atan(x / std::sqrt(1 + x * x)) * 2 / (2 * M_PI);
+  const double expected = 0.5 * 3 * 4 * quarter;
+  EXPECT_NEAR(mean(read_color(frame, o)), expected, 0.002 * expected);
+}
+
+// Glass loses nothing: a unit sky seen through glass spheres is a unit sky.
+TEST_P(Transport, GlassAndMirrorUnderAUnitSkyAreInvisible)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, icosphere(3), add_material(scene, GPURT_MATERIAL_GLASS, {1, 1, 1}));
+  add_mesh(scene, icosphere(3).map([](auto v) { return std::array<float, 3>{v[0] + 2, v[1], v[2]}; }),
+           add_material(scene, GPURT_MATERIAL_MIRROR, {1, 1, 1}));
+  set_environment(scene, 1);
+  add_camera(scene, {1, 0, 6}, 0.7f);
+  commit(scene, GetParam());
+  const RenderOptions o{.spp = 64, .max_depth = 64};
+  Frame frame = make_frame(scene, o);
+  render(frame, o);
+  // Paths that total reflection holds inside for more than 64 vertices are cut: far fewer than one in 1000.
+  EXPECT_NEAR(mean(read_color(frame, o)), 1.0, 1e-3);
+}
+
+// Catalogue row 49: the same bits for thread counts, tile sizes, tile orders, and after stopping and going on.
+TEST(Determinism, ImageBitsDependOnNothingButTheSettings)
+{
+  const auto image = [](uint32_t threads, const RenderOptions &o, bool in_two_steps) {
+    Device device = make_device(GPURT_DEVICE_CPU, threads);
+    Scene scene;
+    GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
+    add_mesh(scene, icosphere(3), add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.6f, 0.3f}, {0, 0, 0}, 0.3f));
+    add_mesh(scene, quad({-3, -1, 3}, {3, -1, 3}, {3, -1, -3}, {-3, -1, -3}), add_material(scene, GPURT_MATERIAL_LAMBERT, {0.7f, 0.7f, 0.7f}));
+    add_mesh(scene, quad({-1, 3, -1}, {1, 3, -1}, {1, 3, 1}, {-1, 3, 1}), add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}, {5, 4, 3}));
+    set_environment(scene, 0.1f);
+    add_camera(scene, {0, 0.5f, 5}, 0.8f);
+    commit(scene);
+    Frame frame = make_frame(scene, o);
+    if (in_two_steps) {
+      RenderOptions half = o;
+      half.spp = o.spp / 2;
+      render(frame, half);
+    }
+    render(frame, o);
+    return read_color(frame, o);
+  };
+  RenderOptions o{.width = 150, .height = 101, .spp = 8};
+  const std::vector<float> expected = image(1, o, false);
+  EXPECT_GT(mean(expected), 0.05);
+  EXPECT_EQ(image(2, o, false), expected);
+  for (uint32_t tile : {37u, 128u}) {
+    o.tile_size = tile;
+    EXPECT_EQ(image(2, o, false), expected) << "tiles of " << tile;
+  }
+  o.tile_size = 0;
+  EXPECT_EQ(image(2, o, true), expected) << "in two steps";
+  for (uint32_t y = 0; y < 101; y += 37) {
+    for (uint32_t x = 0; x < 150; x += 37) o.tiles.push_back({x, y, std::min(x + 37, 150u), std::min(y + 37, 101u)});
+  }
+  std::shuffle(o.tiles.begin(), o.tiles.end(), std::mt19937(5));
+  EXPECT_EQ(image(2, o, false), expected) << "tiles in random order";
+}
+
+}  // namespace
