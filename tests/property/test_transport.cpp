@@ -36,7 +36,8 @@ TEST_P(Transport, ClosedSphereWithAPointLightSumsTheGeometricSeries)
   add_mesh(scene, icosphere(5), add_material(scene, GPURT_MATERIAL_LAMBERT, {0.5f, 0.5f, 0.5f}));
   gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
   for (float &c : light.intensity) c = 3.14159265f;
-  GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, nullptr));
+  uint32_t id;
+  GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, &id));
   add_camera(scene, {0, 0, 0.1f}, 1.0f);
   commit(scene, GetParam());
   for (const uint32_t depth : {2u, 3u, 17u}) {
@@ -62,7 +63,8 @@ TEST_P(Transport, DistantLightOnAFloorIsExact)
   for (float &c : light.intensity) c = 2;
   light.direction[0] = std::sqrt(0.75f);
   light.direction[2] = -0.5f;
-  GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, nullptr));
+  uint32_t id;
+  GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, &id));
   add_camera(scene, {0, 0, 4}, 0.6f);
   commit(scene, GetParam());
   const RenderOptions o{.spp = 4};

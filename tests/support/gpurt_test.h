@@ -164,7 +164,8 @@ inline uint32_t add_mesh(gpurt_scene scene, const Mesh &mesh, uint32_t material 
   if (with_instance) {
     gpurt_instance_desc instance = GPURT_INSTANCE_DESC_INIT;
     instance.geometry = geometry;
-    GPURT_EXPECT_OK(gpurt_scene_add_instance(scene, &instance, nullptr));
+    uint32_t id;
+    GPURT_EXPECT_OK(gpurt_scene_add_instance(scene, &instance, &id));
   }
   return geometry;
 }
@@ -182,7 +183,8 @@ inline void add_camera(gpurt_scene scene, std::array<float, 3> eye, float yfov_r
   gpurt_camera_desc desc = GPURT_CAMERA_DESC_INIT;
   desc.yfov_rad = yfov_rad;
   for (int i = 0; i < 3; ++i) desc.transform[4 * i + 3] = eye[i];
-  GPURT_EXPECT_OK(gpurt_scene_add_camera(scene, &desc, nullptr));
+  uint32_t id;
+  GPURT_EXPECT_OK(gpurt_scene_add_camera(scene, &desc, &id));
 }
 
 inline void commit(gpurt_scene scene, gpurt_accel accel = GPURT_ACCEL_KDTREE,
