@@ -3,5 +3,5 @@
 
 uint32_t gpurt_version(void)
 {
-  return 0u << 16 | 1u << 8 | 0u;
+  return GPURT_VERSION_MAJOR << 16 | GPURT_VERSION_MINOR << 8 | GPURT_VERSION_PATCH;
 }

@@ -5,5 +5,5 @@
 
 TEST(Version, IsThatOfTheHeader)
 {
-  EXPECT_EQ(gpurt_version(), 0u << 16 | 1u << 8 | 0u);
+  EXPECT_EQ(gpurt_version(), GPURT_VERSION_MAJOR << 16 | GPURT_VERSION_MINOR << 8 | GPURT_VERSION_PATCH);
 }
