@@ -1,0 +1,49 @@
+// The kd-tree accelerator of a scene as kernels read it: a tree for every group, and one over the placements.
+#pragma once
+
+#include "core/accel/kd_tree.h"
+#include "core/accel/ray_triangle.h"
+
+namespace gpurt {
+
+// A triangle as leaves hold it: three 16-byte loads, no index to follow.
+struct alignas(16) LeafTriangle {
+  Vec3f a;
+  uint32_t triangle;  // index into SceneView::indices
+  Vec3f b;
+  uint32_t reserved0;
+  Vec3f c;
+  uint32_t reserved1;
+};
+
+struct KdGroupView {
+  KdTreeView tree;
+  const LeafTriangle *triangles;  // [i] is the triangle of reference i of the tree
+};
+
+struct KdAccelView {
+  const KdGroupView *groups;  // as SceneView::groups
+  KdTreeView placements;      // references are indices into SceneView::placements; empty if there are none
+  uint32_t num_groups;
+};
+
+GPURT_FUNCTIONS_BEGIN
+
+GPURT_INLINE const KdTreeView &group_tree(const KdAccelView &accel, uint32_t group) { return accel.groups[group].tree; }
+
+// Tests the triangles of a leaf. on_hit(triangle, hit) returns true to stop; it may lower `limit`.
+template <EdgeRule Rule, TriangleTest Test, class OnHit>
+GPURT_INLINE bool test_leaf(const KdAccelView &accel, uint32_t group, uint32_t first, uint32_t count,
+                            const TriangleRay<Test> &ray, float tmin, const float &limit, OnHit &&on_hit)
+{
+  const LeafTriangle *triangles = accel.groups[group].triangles + first;
+  for (uint32_t i = 0; i < count; ++i) {
+    const LeafTriangle &x = triangles[i];
+    TriangleHit hit;
+    if (intersect<Rule>(ray, x.a, x.b, x.c, tmin, limit, hit) && on_hit(x.triangle, hit)) return true;
+  }
+  return false;
+}
+
+GPURT_FUNCTIONS_END
+}  // namespace gpurt

@@ -1,0 +1,142 @@
+// Walks the leaves of a kd-tree along a ray, front to back, with a stack that cannot overflow.
+//
+// Source: Aila and Laine 2009, while-while; Hapala and Havran 2011 on the numerical traps of the descent.
+// Differs: every comparison of distances leaves room for rounding, by the bound derived here.
+//
+// What has to hold: if a triangle test accepts a triangle of a leaf, the leaf is visited, however the test and the
+// distances to the planes were rounded. Let eps = 2^-24, o the origin, d the direction with largest component d_z along
+// the main axis, and M the largest |p - o| of any coordinate of the tree's bounds, so |p - o| <= M for all vertices.
+//
+//   The watertight test shears corners to x = (p_x - o_x) - (d_x/d_z)(p_z - o_z) with rounding error at most 7 eps M
+//   (one rounding of each difference, two of d_x/d_z, one of the product, one of the last difference, |d_x/d_z| <= 1),
+//   and its verdict is exact for the corners so displaced. An accepted triangle therefore has a point Q whose other two
+//   coordinates are within 7 eps M of the ray's point at Q's own parameter t_Q = (Q_z - o_z)/d_z. Q lies in the cell
+//   of a leaf that holds the triangle, since builders clip conservatively.
+//   The distance to a plane, s = (plane - o_k) * (1/d_k), is rounded three times: an error of 3 eps M/|d_k|.
+//   s - w and s + w are rounded once: less than 2 eps M/|d_k|.
+//
+// If Q is on the near side of a plane of axis k, then t_Q <= s + (7 + 3 + 2) eps M/|d_k|, and on the far side t_Q >= s
+// less that. So with w_k = 16 eps M/|d_k| the interval [a, b] of every node above Q's leaf contains t_Q, when a child is
+// left out only if s - w > b or s + w < a, and its interval begins or ends at s - w or s + w. The sides are told by the
+// direction's sign, never by that of s, which may underflow; where plane and ray are parallel, |1/d_k| is cut to
+// 2^60/|d_z|: the ray then moves by less than 2^-58 M, and a plane further from it than 16 eps M is still told apart.
+// Overflow makes comparisons false and both children be visited. Extra visits cost time and never change what is hit.
+#pragma once
+
+#include "core/accel/kd_tree.h"
+#include "core/accel/trace_ray.h"
+
+namespace gpurt {
+
+// What the descent needs of a ray, for one tree.
+struct KdRay {
+  float origin[3];
+  float inverse[3];
+  float widening[3];
+  float a, b;         // the interval within the tree's bounds; a > b: the ray misses them
+  float t_widening;   // of distances along the ray
+  uint32_t negative;  // bit k: the direction points down along axis k
+};
+
+struct KdEntry {
+  uint32_t tag;  // node << 2 | axis of the plane that it lies behind
+  float s;       // distance to that plane
+};
+
+GPURT_FUNCTIONS_BEGIN
+
+// Indexing by a run-time axis: memory on the CPU, selects in registers on the GPU.
+GPURT_INLINE float pick(const float (&v)[3], int axis)
+{
+#if defined(__CUDA_ARCH__)
+  return axis == 0 ? v[0] : (axis == 1 ? v[1] : v[2]);
+#else
+  return v[axis];
+#endif
+}
+
+GPURT_INLINE KdRay make_kd_ray(const TraceRay &ray, const Box &bounds, float t_limit)
+{
+  KdRay r;
+  const Vec3f below = bounds.lo - ray.origin, above = bounds.hi - ray.origin;
+  const float reach = max(max_component(abs(below)), max_component(abs(above)));
+  const float error = next_up(reach * 0x1p-20f);  // 16 eps M; never 0
+  const float steepest = abs(1.0f / at(ray.direction, ray.main_axis));
+  const float limit = steepest * 0x1p60f;
+  r.t_widening = error * steepest;
+  r.a = ray.tmin - r.t_widening;
+  r.b = t_limit + r.t_widening;
+  r.negative = 0;
+  for (int k = 0; k < 3; ++k) {
+    const float d = at(ray.direction, k);
+    const float inverse = min(abs(1.0f / d), limit);
+    const bool is_negative = d < 0.0f;
+    r.origin[k] = at(ray.origin, k);
+    r.inverse[k] = is_negative ? -inverse : inverse;
+    r.widening[k] = error * inverse;
+    r.negative |= is_negative ? 1u << k : 0u;
+    const float enter = at(is_negative ? above : below, k) * r.inverse[k] - r.widening[k];
+    const float leave = at(is_negative ? below : above, k) * r.inverse[k] + r.widening[k];
+    // NaN, from overflow, leaves the interval as it is.
+    if (enter > r.a) r.a = enter;
+    if (leave < r.b) r.b = leave;
+  }
+  return r;
+}
+
+// Calls leaf(first, count) for the leaves that the ray may meet, nearest first, until it returns true.
+//
+// t_limit is the largest t of interest. The leaf action may lower it, as closest hits do: a leaf that begins beyond it
+// is left out, so that a hit found early but lying in a later cell does not hide a nearer one.
+template <class LeafAction>
+GPURT_HD inline void traverse_kd(const KdTreeView &tree, const TraceRay &ray, float &t_limit, LeafAction &&leaf)
+{
+  if (tree.num_nodes == 0) return;
+  const KdRay r = make_kd_ray(ray, tree.bounds, t_limit);
+  if (!(r.a <= r.b)) return;
+  KdEntry todo[kd_max_depth];
+  int num_todo = 0;
+  float a = r.a, b = r.b;
+  uint32_t index = 0;
+  for (;;) {
+    // Descend to the leaf at the near end of the interval; postpone far children.
+    KdNode node = tree.nodes[index];
+    while (!is_leaf(node)) {
+      const int k = axis(node);
+      const float s = (plane(node) - pick(r.origin, k)) * pick(r.inverse, k);
+      const float w = pick(r.widening, k);
+      const uint32_t far_first = (r.negative >> k) & 1u;
+      const uint32_t near = payload(node) + far_first;
+      const uint32_t far = payload(node) + 1u - far_first;
+      if (s - w > b) {
+        index = near;
+      } else if (s + w < a) {
+        index = far;
+      } else {
+        todo[num_todo++] = {far << 2 | uint32_t(k), s};
+        b = min(b, s + w);  // a NaN leaves b as it is
+        index = near;
+      }
+      node = tree.nodes[index];
+    }
+    if (payload(node) != 0 && leaf(node.word, payload(node))) return;
+    // Resume with the nearest postponed subtree that is not beyond the limit. Its interval ends where the one below it
+    // on the stack begins.
+    do {
+      if (num_todo == 0) return;
+      const KdEntry e = todo[--num_todo];
+      index = e.tag >> 2;
+      a = e.s - pick(r.widening, int(e.tag & 3u));
+    } while (a > t_limit + r.t_widening);
+    b = r.b;
+    if (num_todo != 0) {
+      const KdEntry below = todo[num_todo - 1];
+      b = min(b, below.s + pick(r.widening, int(below.tag & 3u)));
+    }
+    b = min(b, t_limit + r.t_widening);
+    a = max(r.a, a);
+  }
+}
+
+GPURT_FUNCTIONS_END
+}  // namespace gpurt

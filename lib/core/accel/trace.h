@@ -1,0 +1,214 @@
+// Ray queries over a scene: group 0 in world space, then the placements of shared geometries through a tree over their
+// bounds. Closest hit, any hit and all hits differ in their visitor alone.
+//
+// `Accel` is KdAccelView, or another type for which group_tree() and test_leaf() exist and that has a kd-tree
+// `placements`: backends lay out leaves as suits them. Kernels are compiled with and without alpha masks (`Masks`) and
+// shared geometries (`Placements`): those without what a scene lacks are smaller and faster.
+#pragma once
+
+#include "core/accel/hit_ids.h"
+#include "core/accel/kd_accel.h"
+#include "core/accel/kd_traverse.h"
+#include "core/scene/surface.h"
+
+namespace gpurt {
+
+// A placement lies in many leaves of the placements' tree: the last few visited are not visited again.
+struct PlacementMailbox {
+  uint32_t recent[4];
+  uint32_t next;
+};
+
+GPURT_FUNCTIONS_BEGIN
+
+GPURT_INLINE bool enter_placement(PlacementMailbox &mailbox, uint32_t placement)
+{
+  for (int i = 0; i < 4; ++i) {
+    if (mailbox.recent[i] == placement) return false;
+  }
+#if defined(__CUDA_ARCH__)
+  // A shift register, so that it can live in registers.
+  mailbox.recent[3] = mailbox.recent[2];
+  mailbox.recent[2] = mailbox.recent[1];
+  mailbox.recent[1] = mailbox.recent[0];
+  mailbox.recent[0] = placement;
+#else
+  mailbox.recent[mailbox.next++ & 3u] = placement;
+#endif
+  return true;
+}
+
+// Keeps the nearest hit; of several at the same t that with the smaller (instance, primitive).
+template <bool Masks>
+struct ClosestVisitor {
+  const SceneView &scene;
+  float limit;  // largest t of interest
+  Hit best;
+
+  GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
+  {
+    const Hit hit = {h.t, h.u, h.v, triangle, placement};
+    if (best.triangle != invalid_id && h.t == best.t && !ids_precede(scene, hit, best)) return false;
+    if (Masks && is_hole(scene, triangle, h.u, h.v)) return false;
+    best = hit;
+    limit = h.t;
+    return false;
+  }
+};
+
+template <bool Masks>
+struct AnyVisitor {
+  const SceneView &scene;
+  float limit;
+  bool found;
+
+  GPURT_HD bool operator()(uint32_t triangle, uint32_t, const TriangleHit &h)
+  {
+    if (Masks && is_hole(scene, triangle, h.u, h.v)) return false;
+    return found = true;
+  }
+};
+
+// Hands every hit to `sink`, in no order; a triangle that lies in several leaves comes several times, with equal bits.
+template <bool Masks, class Sink>
+struct AllVisitor {
+  const SceneView &scene;
+  float limit;
+  Sink &sink;
+
+  GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
+  {
+    if (Masks && is_hole(scene, triangle, h.u, h.v)) return false;
+    sink(Hit{h.t, h.u, h.v, triangle, placement});
+    return false;
+  }
+};
+
+// Keeps the nearest hit that comes after `last` in the order of (t, instance, primitive): called again and again it
+// lists all hits, in order, each once and without memory for them.
+template <bool Masks>
+struct NextVisitor {
+  const SceneView &scene;
+  float limit;
+  Hit last;  // triangle invalid_id: before all hits
+  Hit best;
+
+  GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
+  {
+    const Hit hit = {h.t, h.u, h.v, triangle, placement};
+    if (last.triangle != invalid_id && !hit_precedes(scene, last, hit)) return false;
+    if (best.triangle != invalid_id && !hit_precedes(scene, hit, best)) return false;
+    if (Masks && is_hole(scene, triangle, h.u, h.v)) return false;
+    best = hit;
+    limit = h.t;
+    return false;
+  }
+};
+
+// Traverses one group. `ray` is in the group's space; its t is the visitor's t times 2^exponent.
+// Returns true if the visitor asked to stop.
+template <TriangleTest Test, EdgeRule Rule, class Accel, class Visitor>
+GPURT_HD inline bool trace_group(const Accel &accel, uint32_t group, const TraceRay &ray, int exponent,
+                                 uint32_t placement, Visitor &visitor)
+{
+  TriangleRay<Test> triangle_ray;
+  make_triangle_ray(ray, triangle_ray);
+  float limit = exponent == 0 ? visitor.limit : scale_by_power(visitor.limit, exponent);
+  bool is_done = false;
+  const auto on_hit = [&](uint32_t triangle, TriangleHit hit) {
+    if (exponent != 0) hit.t = scale_by_power(hit.t, -exponent);
+    is_done = visitor(triangle, placement, hit);
+    limit = exponent == 0 ? visitor.limit : scale_by_power(visitor.limit, exponent);
+    return is_done;
+  };
+  traverse_kd(group_tree(accel, group), ray, limit, [&](uint32_t first, uint32_t count) {
+    return test_leaf<Rule>(accel, group, first, count, triangle_ray, ray.tmin, limit, on_hit);
+  });
+  return is_done;
+}
+
+// Shows the visitor every hit that may interest it.
+template <TriangleTest Test, EdgeRule Rule, bool Placements, class Accel, class Visitor>
+GPURT_HD inline void trace_ray(const Accel &accel, const SceneView &scene, const TraceRay &ray, Visitor &visitor)
+{
+  if (trace_group<Test, Rule>(accel, 0, ray, 0, invalid_id, visitor)) return;
+  if constexpr (Placements) {
+    PlacementMailbox mailbox = {{invalid_id, invalid_id, invalid_id, invalid_id}, 0};
+    traverse_kd(accel.placements, ray, visitor.limit, [&](uint32_t first, uint32_t count) {
+      for (uint32_t i = 0; i < count; ++i) {
+        const uint32_t id = accel.placements.references[first + i];
+        if (!enter_placement(mailbox, id)) continue;
+        const Placement &p = scene.placements[id];
+        // The direction is not normalised, so that t keeps its unit.
+        TraceRay object_ray;
+        if (!prepare_ray(transform_point(p.world_to_object, ray.origin),
+                         transform_vector(p.world_to_object, ray.direction), ray.tmin, ray.tmax, object_ray)) {
+          continue;
+        }
+        if (trace_group<Test, Rule>(accel, p.group, object_ray, object_ray.exponent, id, visitor)) return true;
+      }
+      return false;
+    });
+  }
+}
+
+template <TriangleTest Test, bool Masks, bool Placements, class Accel>
+GPURT_HD inline Hit trace_closest(const Accel &accel, const SceneView &scene, const Ray &ray)
+{
+  const Hit miss = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
+  TraceRay r;
+  if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return miss;
+  ClosestVisitor<Masks> visitor{scene, r.tmax, miss};
+  trace_ray<Test, EdgeRule::Inclusive, Placements>(accel, scene, r, visitor);
+  if (visitor.best.triangle != invalid_id) visitor.best.t = caller_t(r, visitor.best.t);
+  return visitor.best;
+}
+
+template <TriangleTest Test, bool Masks, bool Placements, class Accel>
+GPURT_HD inline bool trace_any(const Accel &accel, const SceneView &scene, const Ray &ray)
+{
+  TraceRay r;
+  if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return false;
+  AnyVisitor<Masks> visitor{scene, r.tmax, false};
+  trace_ray<Test, EdgeRule::Inclusive, Placements>(accel, scene, r, visitor);
+  return visitor.found;
+}
+
+// Calls sink(hit) for every crossing, unsorted and with repetitions.
+template <TriangleTest Test, bool Masks, bool Placements, class Accel, class Sink>
+GPURT_HD inline void trace_all(const Accel &accel, const SceneView &scene, const Ray &ray, Sink &&sink)
+{
+  TraceRay r;
+  if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return;
+  const auto rescaled = [&](Hit hit) {
+    hit.t = caller_t(r, hit.t);
+    sink(hit);
+  };
+  AllVisitor<Masks, decltype(rescaled)> visitor{scene, r.tmax, rescaled};
+  trace_ray<Test, EdgeRule::HalfOpen, Placements>(accel, scene, r, visitor);
+}
+
+// Calls sink(hit) for every crossing in the order of (t, instance, primitive), each once. A traversal a hit: for devices
+// where memory for an unknown number of hits is dearer than time.
+template <TriangleTest Test, bool Masks, bool Placements, class Accel, class Sink>
+GPURT_HD inline void trace_all_in_order(const Accel &accel, const SceneView &scene, const Ray &ray, Sink &&sink)
+{
+  TraceRay r;
+  if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return;
+  const Hit none = {r.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
+  NextVisitor<Masks> visitor{scene, r.tmax, none, none};
+  for (;;) {
+    trace_ray<Test, EdgeRule::HalfOpen, Placements>(accel, scene, r, visitor);
+    if (visitor.best.triangle == invalid_id) return;
+    Hit hit = visitor.best;
+    hit.t = caller_t(r, hit.t);
+    sink(hit);
+    visitor.last = visitor.best;
+    visitor.best = none;
+    visitor.limit = r.tmax;
+    r.tmin = visitor.last.t;  // nothing nearer is left
+  }
+}
+
+GPURT_FUNCTIONS_END
+}  // namespace gpurt
