@@ -1,0 +1,98 @@
+#include "call.h"
+
+#include <mutex>
+#include <vector>
+
+#include "callbacks.h"
+
+namespace gpurt_python {
+
+namespace {
+
+struct DroppedHandle {
+  gpurt_result (*release)(void *);
+  void *handle;
+};
+
+// Never destroyed: objects may be dropped while the process ends.
+std::mutex &dropped_mutex()
+{
+  static auto *mutex = new std::mutex;
+  return *mutex;
+}
+
+std::vector<DroppedHandle> &dropped_handles()
+{
+  static auto *handles = new std::vector<DroppedHandle>;
+  return *handles;
+}
+
+const char *class_name(gpurt_result result)
+{
+  switch (result) {
+    case GPURT_ERROR_INVALID_ARGUMENT:
+      return "InvalidArgument";
+    case GPURT_ERROR_OUT_OF_MEMORY:
+      return "OutOfMemory";
+    case GPURT_ERROR_UNSUPPORTED:
+      return "Unsupported";
+    case GPURT_ERROR_CANCELLED:
+      return "Cancelled";
+    case GPURT_ERROR_DEVICE:
+      return "DeviceError";
+    case GPURT_ERROR_TIMEOUT:
+      return "Timeout";
+    case GPURT_ERROR_IO:
+      return "FileError";
+    case GPURT_ERROR_INTERNAL:
+      return "InternalError";
+    default:
+      return "Error";
+  }
+}
+
+}  // namespace
+
+void raise_result(gpurt_result result, const std::string &message)
+{
+  const py::object type = py::module_::import("gpurt.errors").attr(class_name(result));
+  // The text may quote a path that is not UTF-8.
+  PyObject *text =
+      PyUnicode_DecodeUTF8(message.data(), static_cast<Py_ssize_t>(message.size()), "backslashreplace");
+  PyErr_SetObject(type.ptr(), py::reinterpret_steal<py::str>(text).ptr());
+  throw py::error_already_set();
+}
+
+void raise_invalid(const std::string &message) { raise_result(GPURT_ERROR_INVALID_ARGUMENT, message); }
+
+void enter_library()
+{
+  if (in_callback())
+    raise_invalid("log and progress callbacks must not use gpurt; note what to do and return");
+  std::vector<DroppedHandle> handles;
+  {
+    std::lock_guard lock(dropped_mutex());
+    handles.swap(dropped_handles());
+  }
+  if (handles.empty()) return;
+  py::gil_scoped_release release;
+  for (const DroppedHandle &dropped : handles) dropped.release(dropped.handle);
+}
+
+void release_handle(gpurt_result (*release)(void *), void *handle)
+{
+  if (in_callback()) {
+    std::lock_guard lock(dropped_mutex());
+    dropped_handles().push_back({release, handle});
+    return;
+  }
+  // Releasing a job waits for its threads, which may be waiting for Python's lock.
+  if (PyGILState_Check()) {
+    py::gil_scoped_release unlocked;
+    release(handle);
+  } else {
+    release(handle);
+  }
+}
+
+}  // namespace gpurt_python

@@ -1,0 +1,34 @@
+"""Casts rays at and renders 3D scenes, on any CPU and any CUDA GPU.
+
+    import gpurt
+
+    scene = gpurt.load("cornell.glb").commit()
+    image = scene.render(spp=64)            # image.color: float32 [h][w][3]
+    image.save("cornell.png")
+    hits = scene.trace(origins=origins, directions=directions)
+
+Device, Scene, Frame, Job and Image own what the C library gives out; errors are exceptions under gpurt.Error.
+"""
+
+import atexit as _atexit
+
+from gpurt import _core
+from gpurt._trace import hit_compact_dtype, hit_dtype, make_rays
+from gpurt.device import Device, DeviceProperties, default_device, devices
+from gpurt.errors import (Cancelled, DeviceError, Error, FileError, InternalError, InvalidArgument, OutOfMemory,
+                          Timeout, Unsupported)
+from gpurt.frame import Frame, Job, Statistics
+from gpurt.image import Image
+from gpurt.scene import (INVALID_ID, Camera, KdTree, Placed, Scene, SceneFacts, kdtree_node_dtype, load, look_at)
+
+__version__ = _core.version()
+
+__all__ = [
+    "INVALID_ID", "Camera", "Cancelled", "Device", "DeviceError", "DeviceProperties", "Error", "FileError", "Frame",
+    "Image", "InternalError", "InvalidArgument", "Job", "KdTree", "OutOfMemory", "Placed", "Scene", "SceneFacts",
+    "Statistics", "Timeout", "Unsupported", "default_device", "devices", "hit_compact_dtype", "hit_dtype",
+    "kdtree_node_dtype", "load", "look_at", "make_rays",
+]
+
+# Before the interpreter ends: no callback may ask for its lock any more, and no job may run on.
+_atexit.register(_core.stop)

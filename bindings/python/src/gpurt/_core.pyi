@@ -1,0 +1,124 @@
+# Private: use the package gpurt. Enumerations are the C library's numbers, arrays are as its header states.
+from typing import Any, Dict, List, Optional, Sequence
+
+from gpurt._arrays import Array
+from gpurt._callbacks import Callback
+
+def version() -> str: ...
+def stop() -> None: ...
+def devices() -> List[Dict[str, Any]]: ...
+
+class Device:
+    def __init__(
+        self, type: int, ordinal: int, num_threads: int, memory_limit: int, log: Optional[Callback]
+    ) -> None: ...
+    def properties(self) -> Dict[str, Any]: ...
+
+class Scene:
+    def __init__(self, device: Device) -> None: ...
+    @staticmethod
+    def load(device: Device, path: bytes) -> Scene: ...
+    def add_texture(
+        self, format: int, width: int, height: int, wrap_u: int, wrap_v: int, filter: int, texels: Array
+    ) -> int: ...
+    def add_material(
+        self,
+        type: int,
+        base_color: Sequence[float],
+        roughness: float,
+        ior: float,
+        alpha: float,
+        alpha_cutoff: float,
+        emission: Sequence[float],
+        base_color_texture: int,
+        two_sided_emission: bool,
+    ) -> int: ...
+    def add_mesh(
+        self,
+        vertices: Array,
+        indices: Optional[Array],
+        normals: Optional[Array],
+        uvs: Optional[Array],
+        material: int,
+    ) -> int: ...
+    def add_patches(self, control_points: Array, material: int) -> int: ...
+    def add_subdivision(
+        self, vertices: Array, face_counts: Array, indices: Array, scheme: int, material: int
+    ) -> int: ...
+    def add_instance(self, geometry: int, transform: Sequence[float]) -> int: ...
+    def add_light(
+        self,
+        type: int,
+        intensity: Sequence[float],
+        position: Sequence[float],
+        direction: Sequence[float],
+        inner_cone_angle: float,
+        outer_cone_angle: float,
+    ) -> int: ...
+    def set_environment(self, radiance: Sequence[float], texture: int) -> None: ...
+    def add_camera(self, type: int, transform: Sequence[float], yfov: float, width: int, height: int) -> int: ...
+    def camera(self, camera: int) -> Dict[str, Any]: ...
+    def commit(
+        self,
+        accel: int,
+        triangle_test: int,
+        max_depth: int,
+        traversal_cost: float,
+        empty_bonus: float,
+        patch_tolerance: float,
+        tree_cache: Optional[bytes],
+    ) -> None: ...
+    def facts(self) -> Dict[str, Any]: ...
+    def export_tree(self, tree: int, nodes: Optional[Array], references: Optional[Array]) -> Dict[str, Any]: ...
+    def import_tree(
+        self,
+        tree: int,
+        num_triangles: int,
+        bounds_min: Sequence[float],
+        bounds_max: Sequence[float],
+        nodes: Array,
+        references: Array,
+    ) -> None: ...
+    def trace(
+        self,
+        query: int,
+        format: int,
+        rays: Array,
+        hits: Optional[Array],
+        occluded: Optional[Array],
+        offsets: Optional[Array],
+    ) -> None: ...
+
+class Frame:
+    def __init__(
+        self,
+        scene: Scene,
+        width: int,
+        height: int,
+        camera: int,
+        outputs: int,
+        frame_index: int,
+        seed: int,
+        first_sample: int,
+    ) -> None: ...
+    def submit(
+        self,
+        pipeline: int,
+        samples_per_pixel: int,
+        target_error: float,
+        time_limit: float,
+        max_depth: int,
+        tile_size: int,
+        tiles: Optional[Array],
+        progress: Optional[Callback],
+    ) -> Job: ...
+    def read(self, output: int, data: Array) -> None: ...
+    def save(self, path: bytes) -> None: ...
+    def merge(self, other: Frame) -> None: ...
+    def load_state(self, path: bytes) -> None: ...
+    def statistics(self) -> Dict[str, Any]: ...
+
+class Job:
+    def wait(self, timeout_ns: int) -> bool: ...
+    def cancel(self) -> None: ...
+    def progress(self) -> float: ...

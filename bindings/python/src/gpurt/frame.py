@@ -1,0 +1,288 @@
+"""Frames, which renders add samples to, and the jobs that do it."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time as clock
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Callable, NoReturn, Optional, Sequence, Tuple, Type
+
+import numpy as np
+
+from gpurt import _core
+from gpurt._arrays import Array, PathLike, as_array, shape_text, to_count, to_number, to_path, to_uint32
+from gpurt._callbacks import Callback, check_callable
+from gpurt._names import ACCEL, OUTPUT, PIPELINE, TRIANGLE_TEST
+from gpurt.device import refuse_pickling
+from gpurt.errors import Cancelled, Error, InvalidArgument, Timeout
+
+if TYPE_CHECKING:
+    from gpurt.image import Image
+    from gpurt.scene import Scene
+
+# Numbers of a pixel and their type, for each output.
+_OUTPUT_SHAPE = {
+    "color": (3, np.float32), "alpha": (0, np.float32), "depth": (0, np.float32), "normal": (3, np.float32),
+    "albedo": (3, np.float32), "position": (3, np.float32), "primitive": (0, np.uint32), "instance": (0, np.uint32),
+    "sample_count": (0, np.uint32), "variance": (3, np.float32), "time": (0, np.float32),
+}
+# Kept by every frame.
+_ALWAYS = ("color", "alpha", "sample_count")
+
+# How long a wait goes without a look at signals and callbacks, in seconds.
+_SLICE = 0.05
+
+
+@dataclasses.dataclass(frozen=True)
+class Statistics:
+    """What a frame took, and the settings that zeros and "auto" became."""
+
+    pipeline: str
+    accel: str
+    triangle_test: str
+    max_depth: int
+    tile_size: int
+    num_threads: int
+    width: int
+    height: int
+    seed: int
+    samples_per_pixel: int  #: the smallest number that a pixel of the frame has
+    num_samples: int  #: camera paths, like the rest over all jobs of the frame
+    num_camera_rays: int
+    num_bounce_rays: int
+    num_shadow_rays: int
+    num_nonfinite: int  #: samples that were not finite and left out; 0 in a sound scene
+    num_saturated: int  #: sums that left the film's range; not 0 makes the job fail
+    render_seconds: float
+    generate_seconds: float  #: this and the next four: per stage, summed over threads
+    trace_seconds: float
+    shade_seconds: float
+    shadow_seconds: float
+    film_seconds: float
+    build_seconds: float  #: of the scene's commit
+    estimated_error: float  #: relMSE of the frame, from two independent halves; negative: not known
+    largest_sample: float  #: largest radiance of a single sample
+    memory_peak: int  #: bytes
+    reason: str  #: why settings were chosen
+
+
+class Frame:
+    """The film of a committed scene: renders add samples to it, in any number of jobs.
+
+    :param scene: committed; it is kept alive.
+    :param width, height: pixels; 0: what the camera says, else 512.
+    :param camera: of the scene, from 0.
+    :param outputs: what to keep beside color, alpha and sample_count, which every frame has: depth, normal, albedo,
+        position, primitive, instance, variance.
+    :param seed: of the random numbers.
+    :param frame_index: of an animation: decorrelates the samples of different frames.
+    :param first_sample: the first sample index that this frame renders; frames with other ranges can be merged.
+
+    Row 0 is the top row; a value is the mean over the square of its pixel. Frames can be used from several threads.
+
+    Raises InvalidArgument, OutOfMemory, Unsupported.
+    """
+
+    def __init__(self, scene: "Scene", *, width: int = 0, height: int = 0, camera: int = 0,
+                 outputs: Sequence[str] = (), seed: int = 0, frame_index: int = 0, first_sample: int = 0) -> None:
+        if isinstance(outputs, str):
+            outputs = (outputs,)
+        bits = 0
+        for name in outputs:
+            bits |= 1 << OUTPUT.value(name, "outputs")
+        self.scene = scene
+        self._core = _core.Frame(scene._core, to_count(width, "width"), to_count(height, "height"),
+                                 to_count(camera, "camera"), bits, to_count(frame_index, "frame_index"),
+                                 to_count(seed, "seed", 64), to_count(first_sample, "first_sample", 64))
+        #: Names of the outputs that read() has.
+        self.outputs: Tuple[str, ...] = tuple(n for i, n in enumerate(OUTPUT.names) if n in _ALWAYS or bits >> i & 1)
+        statistics = self.statistics
+        self.width, self.height = statistics.width, statistics.height
+
+    def submit(self, pipeline: str = "auto", *, spp: int = 0, error: float = 0, time: float = 0, max_depth: int = 0,
+               tile_size: int = 0, tiles: Any = None,
+               progress: Optional[Callable[[float, float], Any]] = None) -> "Job":
+        """Starts rendering and returns at once.
+
+        :param pipeline: "auto", "path", "photon", "reyes" or "hybrid".
+        :param spp: until every pixel of the tiles has this many samples; 0: by error or time, else 64.
+        :param error: stop at the first whole-frame pass whose estimated relMSE is below; 0: none.
+        :param time: seconds: stop at the last whole-frame pass that fits; 0: none.
+        :param max_depth: of paths: emission seen directly is 1, direct light 2; 0: 17.
+        :param tile_size: edge of the square work unit in pixels; 0: the library's choice; changes no bits.
+        :param tiles: rectangles x0 y0 x1 y1, [n][4], of the pixels with x0 <= x < x1; None: the whole frame.
+        :param progress: called now and then as progress(done, total) in samples, from another thread, never from
+            two at once. It must not use gpurt. If it raises, the job is cancelled and waiting raises the same.
+
+        Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,
+        and the image has the same bits as if it had run at once. Jobs of one frame run one after another. A job
+        that is dropped while it runs is cancelled.
+
+        Raises InvalidArgument, Unsupported, OutOfMemory.
+        """
+        check_callable(progress, "progress")
+        rectangles = None
+        if tiles is not None:
+            rectangles = to_uint32(as_array(tiles, "tiles"), "tiles")
+            if rectangles.ndim != 2 or rectangles.shape[1] != 4 or len(rectangles) == 0:
+                raise InvalidArgument(f"tiles: expected [n][4] = x0 y0 x1 y1, got {shape_text(rectangles.shape)}")
+            rectangles = np.ascontiguousarray(rectangles)
+        callback = None if progress is None else Callback(progress)
+        with self.scene.device._log_errors():
+            job = self._core.submit(PIPELINE.value(pipeline), to_count(spp, "spp"), to_number(error, "error"),
+                                    to_number(time, "time"), to_count(max_depth, "max_depth"),
+                                    to_count(tile_size, "tile_size"), rectangles, callback)
+        return Job(self, job, callback)
+
+    def read(self, output: str = "color") -> Array:
+        """Copies an output out: float32 [h][w][3] for color, normal, albedo, position and variance, float32 [h][w]
+        for alpha and depth, uint32 [h][w] for primitive, instance and sample_count.
+
+        Pixels without samples are 0. May be called while a job runs: whole samples are seen.
+        """
+        index = OUTPUT.value(output, "output")
+        channels, dtype = _OUTPUT_SHAPE[output]
+        shape = (self.height, self.width, channels) if channels else (self.height, self.width)
+        data: Array = np.empty(shape, dtype)
+        self._core.read(index, data)
+        return data
+
+    def image(self) -> "Image":
+        """The frame as it is now."""
+        from gpurt.image import Image
+        return Image(self)
+
+    @property
+    def statistics(self) -> Statistics:
+        """What the frame took; while a job runs, of what is done so far."""
+        values = self._core.statistics()
+        return Statistics(**{**values, "pipeline": PIPELINE.name(values["pipeline"]),
+                             "accel": ACCEL.name(values["accel"]),
+                             "triangle_test": TRIANGLE_TEST.name(values["triangle_test"])})
+
+    def save(self, path: PathLike) -> None:
+        """Writes the frame to a file, by its extension.
+
+        .exr: float32, every output as a named layer, settings and seed in the header. .png: the colour, tonemapped
+        with x / (1 + x) and the sRGB curve. .gpurt: the frame's sums, exact, for load_state() and merging elsewhere.
+
+        Raises InvalidArgument for another extension; FileError.
+        """
+        with self.scene.device._log_errors():
+            self._core.save(to_path(path))
+
+    def merge(self, other: "Frame") -> None:
+        """Adds the samples of another frame; any order of merging gives the same bits as rendering at once.
+
+        Raises InvalidArgument where scenes, sizes, seeds, outputs or settings differ, or samples would count twice.
+        """
+        if not isinstance(other, Frame):
+            raise TypeError(f"other: expected a gpurt.Frame, got {type(other).__name__}")
+        self._core.merge(other._core)
+
+    def load_state(self, path: PathLike) -> None:
+        """Adds the samples of a .gpurt file. Raises as merge(); FileError for a missing or damaged file."""
+        self._core.load_state(to_path(path))
+
+    def __repr__(self) -> str:
+        return f"<gpurt.Frame {self.width}x{self.height}, {self.statistics.samples_per_pixel} samples per pixel>"
+
+    def __reduce__(self) -> NoReturn:
+        refuse_pickling("gpurt.Frame", "save() it as .gpurt and load_state() it there")
+
+
+class Job:
+    """Rendering that was submitted.
+
+    As a context manager it waits at the end of the block, and an exception in the block cancels it:
+
+        with frame.submit(spp=256) as job:
+            while not job.done: ...
+    """
+
+    def __init__(self, frame: Frame, core: _core.Job, callback: Optional[Callback]) -> None:
+        self.frame = frame
+        self._core = core
+        self._callback = callback
+
+    def wait(self, timeout: Optional[float] = None) -> None:
+        """Waits for the end of the job, at most `timeout` seconds.
+
+        Ctrl-C cancels the job; the frame keeps the whole samples that were done.
+
+        Raises Timeout if it still runs; Cancelled if it was cancelled; what the progress function raised; the
+        job's own failure.
+        """
+        if timeout is not None:
+            timeout = to_number(timeout, "timeout")
+        deadline = None if timeout is None else clock.monotonic() + timeout
+        try:
+            with self.frame.scene.device._log_errors():
+                while not self._poll(deadline):
+                    if self._failed() is not None:
+                        break
+                    if deadline is not None and clock.monotonic() >= deadline:
+                        raise Timeout(f"the job still runs after {timeout:g} s; wait longer, or cancel() it")
+        except Error:
+            # A job that was cancelled for its progress function's sake ends with that function's error.
+            if self._failed() is None:
+                raise
+        except BaseException:
+            self._stop()
+            raise
+        error = self._failed()
+        if error is not None:
+            self._stop()
+            raise error
+
+    def _poll(self, deadline: Optional[float]) -> bool:
+        left = _SLICE if deadline is None else min(_SLICE, max(0.0, deadline - clock.monotonic()))
+        return self._core.wait(int(left * 1e9))
+
+    def _failed(self) -> Optional[BaseException]:
+        return None if self._callback is None else self._callback.error
+
+    def _stop(self) -> None:
+        """Cancels and waits for the end, however that is."""
+        self._core.cancel()
+        try:
+            while not self._core.wait(int(_SLICE * 1e9)):
+                pass
+        except Error:
+            pass
+
+    def cancel(self) -> None:
+        """Asks the job to stop, which it does within half a second, keeping whole samples."""
+        self._core.cancel()
+
+    @property
+    def done(self) -> bool:
+        """Whether the job has ended, well or not: then wait() returns, or raises, at once."""
+        if self._failed() is not None:
+            self._core.cancel()
+        try:
+            return self._core.wait(0)
+        except Error:
+            return True
+
+    @property
+    def progress(self) -> float:
+        """Share of the job that is done, in [0, 1]."""
+        return self._core.progress()
+
+    def __enter__(self) -> "Job":
+        return self
+
+    def __exit__(self, kind: Optional[Type[BaseException]], error: Optional[BaseException],
+                 trace: Optional[TracebackType]) -> None:
+        if kind is None:
+            self.wait()
+        else:
+            self._stop()
+
+    def __repr__(self) -> str:
+        return f"<gpurt.Job {'ended' if self.done else f'running, {self.progress:.0%} done'}>"
+
+    def __reduce__(self) -> NoReturn:
+        refuse_pickling("gpurt.Job", "wait for it and send the image")
