@@ -13,7 +13,7 @@ struct TileFilm {
   uint32_t width = 0, height = 0;
   uint32_t outputs = 0;  // bits of gpurt_output that have arrays
   std::vector<PixelSums> pixels;
-  std::vector<PixelFeatures> features;  // mean normal and albedo
+  std::vector<PixelFeatures> features;    // mean normal and albedo
   std::vector<PixelFirstHit> first_hits;  // of sample 0
 
   /// Resizes and clears.
@@ -22,6 +22,9 @@ struct TileFilm {
   uint64_t bytes() const;
   static uint64_t bytes_for(uint64_t num_pixels, uint32_t wanted_outputs);
 };
+
+/// Adds pixels [from, from + num_pixels) of `tile` to those of `frame` from `to` on. Both have the same outputs.
+void add_film_row(TileFilm &frame, uint64_t to, const TileFilm &tile, uint64_t from, uint32_t num_pixels);
 
 /// Adds `tile` at (x0, y0) of `frame`.
 void add_film(TileFilm &frame, const TileFilm &tile, uint32_t x0, uint32_t y0);

@@ -8,6 +8,7 @@
 
 #include "backend.h"
 #include "frame/film.h"
+#include "frame/sample_sets.h"
 
 namespace gpurt {
 
@@ -30,11 +31,6 @@ struct FrameSettings {
   uint64_t first_sample = 0;  // where pixels without samples start; frames may differ in it and still be merged
 };
 
-/// Sample indices that a pixel has seen: all of them lie in [begin, end). Both 0: none yet.
-struct SampleRange {
-  uint64_t begin = 0, end = 0;
-};
-
 /// Totals over all jobs of a frame, and what its samples were made with; part of a saved state.
 struct FrameTotals {
   gpurt_pipeline pipeline = GPURT_PIPELINE_AUTO;  // AUTO: no job has run yet
@@ -53,8 +49,12 @@ struct FrameState {
   TriangleTest triangle_test = TriangleTest::Watertight;
   FrameTotals totals;
   TileFilm film;
-  std::vector<SampleRange> ranges;  // per pixel
+  SampleSets sets;
+  std::vector<uint32_t> sample_sets;  // per pixel: which samples it has, as an entry of `sets`
 };
+
+/// Largest width and height of a frame.
+constexpr uint32_t max_frame_size = 65535;
 
 class Job;
 
@@ -88,38 +88,50 @@ class Frame {
 
  private:
   friend class Job;
-  friend class FrameRenderer;
 
   // Bands of rows have a mutex each, so that finished units are added side by side and readers see whole samples.
   static constexpr uint32_t rows_per_band = 16;
+  static constexpr uint64_t no_gap = ~uint64_t(0);
   std::mutex &band_mutex(uint32_t y) const { return bands_[y / rows_per_band]; }
+  uint64_t pixel(uint32_t x, uint32_t y) const { return uint64_t(y) * state_.settings.width + x; }
 
-  void check_mergeable(const FrameState &other, const char *other_name) const;
+  void check_output(gpurt_output output) const;
+  void read_row(gpurt_output output, uint32_t y, void *row) const;
+  void save_exr(const std::string &path) const;
+  void save_state(const std::string &path) const;
+  void check_same_image(const FrameState &other, const std::string &other_name) const;
   void merge_state(const FrameState &other, const std::string &other_name);
-  void refuse_while_rendering(const char *what) const;
-  /// Calls row(y) for every row, each band under its mutex.
-  template <class RowFn>
-  void for_each_row(uint32_t y0, uint32_t y1, RowFn &&row) const;
+  bool is_rendering() const { return !jobs_.empty(); }  // under jobs_mutex_
+  FrameTotals totals() const;
+  uint64_t smallest_sample_count() const;
 
-  // Called by jobs.
+  // What jobs do.
+  /// Fixes pipeline and depth with the first samples; throws INVALID_ARGUMENT where a later job differs.
+  void begin_samples(gpurt_pipeline pipeline, uint32_t max_depth);
   PathSettings path_settings(uint32_t max_depth) const;
   void add_unit(const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters);
-  uint64_t next_sample(const SampleRange &range) const { return range.end != 0 ? range.end : state_.settings.first_sample; }
+  void set_outcome(uint32_t tile_size, std::string reason);
+  void add_render_seconds(double seconds);
 
   FrameScene scene_;
-  FrameState state_;  // pixels under their band's mutex, totals under totals_mutex_
+  // Pixels and their sample sets under their band's mutex, totals under totals_mutex_, the table under sets_mutex_;
+  // the rest does not change.
+  FrameState state_;
   Reservation memory_;
   mutable std::vector<std::mutex> bands_;
+  mutable std::mutex sets_mutex_;
   mutable std::mutex totals_mutex_;
-  uint64_t generation_ = 0;  // counts changes of the film; under totals_mutex_
-  uint64_t num_gaps_ = 0;    // pixels whose range has holes, as a merge can leave them; under jobs_mutex_
-  uint32_t last_tile_size_ = 0;
-  std::string reason_;
+  uint64_t generation_ = 0;      // counts changes of the film; under totals_mutex_
+  uint32_t last_tile_size_ = 0;  // under totals_mutex_
+  std::string reason_;           // under totals_mutex_
 
-  // Jobs in the order of their submission: the first one renders.
+  // Jobs in the order of their submission: the first one renders. The film changes by it and by merging alone,
+  // and merging refuses to run while there are jobs.
   mutable std::mutex jobs_mutex_;
   mutable std::condition_variable jobs_changed_;
-  std::deque<Job *> jobs_;
+  std::deque<const Job *> jobs_;
+  uint64_t first_gap_ =
+      no_gap;  // the first pixel whose samples have gaps, as merging can leave them; under jobs_mutex_
 
   mutable std::mutex estimate_mutex_;
   mutable uint64_t estimate_generation_ = ~uint64_t(0);

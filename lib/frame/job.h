@@ -2,7 +2,6 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
 #include <condition_variable>
 #include <memory>
 #include <mutex>
@@ -12,6 +11,7 @@
 #include <vector>
 
 #include "frame/frame.h"
+#include "frame/passes.h"
 
 namespace gpurt {
 
@@ -31,20 +31,38 @@ class Job {
   /// Returns at once; the job stops within half a second and keeps whole samples.
   void cancel();
   /// Share that is done, in [0, 1]; never falls.
-  double progress() const { return progress_.load(); }
+  double progress() const { return share_.load(); }
 
  private:
   Job(std::shared_ptr<Frame> frame, const gpurt_render_desc &desc, std::vector<gpurt_tile> tiles);
   void run();
+  bool wait_for_turn();
+  void render();
+  bool render_to(uint64_t num_samples);
+  void render_pass(std::span<const WorkUnit> units);
+  std::vector<Region> plan() const;
+  uint64_t pass_samples(uint64_t num_samples, uint64_t from) const;
+  double elapsed_seconds() const;
+  void report_progress(uint64_t new_samples);
   void finish(gpurt_result result, std::string error);
 
-  std::shared_ptr<Frame> frame_;
-  const gpurt_render_desc desc_;  // resolved: no field has a "default" value any more
+  const std::shared_ptr<Frame> frame_;
+  const gpurt_render_desc desc_;  // resolved: zero means "no such limit", and nothing else has a default any more
   const std::vector<gpurt_tile> tiles_;
   std::atomic<bool> cancelled_{false};
-  std::atomic<double> progress_{0};
 
-  mutable std::mutex mutex_;
+  // Of the job's thread.
+  std::vector<Region> regions_;
+  double start_seconds_ = 0;
+  double seconds_per_path_ = 0;  // wall time, of the last pass; 0: not measured yet
+
+  std::mutex progress_mutex_;  // serialises the caller's callback
+  double last_report_seconds_ = 0;
+  std::atomic<uint64_t> done_{0};    // samples of this job
+  std::atomic<double> expected_{0};  // samples in all, where they can be told
+  std::atomic<double> share_{0};
+
+  std::mutex mutex_;
   std::condition_variable finished_changed_;
   bool finished_ = false;
   gpurt_result result_ = GPURT_OK;

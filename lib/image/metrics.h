@@ -19,7 +19,7 @@ ImageErrors compare_images(const float *image, const float *reference, uint64_t 
 /// Means of one 8 x 8 tile (smaller at the right and bottom edges), over pixels, per channel.
 struct TileErrors {
   uint32_t x0, y0, x1, y1;
-  double mean[3];            // of the image
+  double mean[3];  // of the image
   double reference_mean[3];
   double relmse;
 };

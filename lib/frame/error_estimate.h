@@ -1,0 +1,45 @@
+// The error of a frame, estimated from nothing but the frame: when may rendering stop?
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "backend.h"  // CompiledScene
+
+namespace gpurt {
+
+/// What the estimate needs of a pixel.
+struct PixelMoments {
+  float mean[3];
+  float variance[3];  // of the mean, from the two halves
+  bool is_covered;    // some eye ray hit something: light not yet seen may still arrive
+};
+
+/// Fills rows [y0, y1) of the frame.
+using MomentSource = std::function<void(uint32_t y0, uint32_t y1, PixelMoments *rows)>;
+
+/// relMSE of a frame, mean over pixels and channels of (x - r)^2 / (r^2 + 0.01), without knowing r.
+///
+/// `num_samples` is the number that the pixels have on average, `unseen_radiance` what a single sample may return that
+/// reaches a lamp on a path which no sample has found yet.
+///
+/// Three things would make the plain mean of variance / (mean^2 + 0.01) stop too early, and are met:
+///  - A pixel that one rare sample made bright has a large mean, so the plain quotient is at most 1 however wrong the
+///    pixel is. The variance is therefore dilated: every pixel takes the average over its 3 x 3 neighbourhood, whose
+///    other pixels have denominators that the rare sample did not touch.
+///  - Where few pixels carry most of the error, their number is itself uncertain. The sum is raised by two of its
+///    standard deviations, which follow from the effective number of contributions (sum e)^2 / sum e^2.
+///  - Paths of which none has been found contribute nothing to the halves. Of an event that did not occur in M samples
+///    the probability is below 3 / M with 95 % confidence; with `unseen_radiance` as its value this gives a variance,
+///    added to every covered pixel.
+/// Source: two halves and dilation: Dammertz et al. 2010; the rule of three: Hanley and Lippman-Hand 1983; the
+/// effective number of contributions: Kish 1965.
+double estimate_relmse(uint32_t width, uint32_t height, double num_samples, double unseen_radiance,
+                       const MomentSource &moments);
+
+/// `unseen_radiance` of a scene: all its lamps at once, as a diffuse surface shows them at an eighth of the diagonal of
+/// the scene; a lamp's own radiance where that is less.
+double unseen_radiance(const CompiledScene &scene);
+
+}  // namespace gpurt

@@ -1,0 +1,293 @@
+#include "frame/frame.h"
+
+#include <chrono>
+#include <cmath>
+#include <cstring>
+
+#include "frame/error_estimate.h"
+#include "frame/outputs.h"
+
+namespace gpurt {
+
+namespace {
+
+constexpr uint32_t always_kept = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA | 1u << GPURT_OUTPUT_SAMPLE_COUNT;
+
+uint32_t checked_size(uint32_t wanted, uint32_t from_camera, const char *what)
+{
+  const uint32_t size = wanted != 0 ? wanted : from_camera != 0 ? from_camera : 512;
+  if (size > max_frame_size)
+    fail_invalid("{} is {}; a frame has at most {} x {} pixels", what, size, max_frame_size, max_frame_size);
+  return size;
+}
+
+FrameSettings resolve(const gpurt_frame_desc &desc, const CompiledScene &scene)
+{
+  if (desc.camera >= scene.cameras.size()) {
+    fail_invalid("camera is {}, but the committed scene has {} cameras; add one with gpurt_scene_add_camera and commit",
+                 desc.camera, scene.cameras.size());
+  }
+  if (desc.outputs >> GPURT_OUTPUT_COUNT != 0)
+    fail_invalid("outputs is {:#x}; its bits are 1 << gpurt_output", desc.outputs);
+  if (desc.outputs & 1u << GPURT_OUTPUT_TIME) {
+    fail(GPURT_ERROR_UNSUPPORTED, "GPURT_OUTPUT_TIME is not supported by this version; leave its bit out of outputs");
+  }
+  const CameraData &camera = scene.cameras[desc.camera];
+  FrameSettings settings;
+  settings.width = checked_size(desc.width, camera.width, "width");
+  settings.height = checked_size(desc.height, camera.height, "height");
+  settings.camera = desc.camera;
+  settings.outputs = desc.outputs | always_kept;
+  settings.frame_index = desc.frame_index;
+  settings.seed = desc.seed;
+  settings.first_sample = desc.first_sample;
+  return settings;
+}
+
+struct Vec3d {
+  double x, y, z;
+};
+Vec3d cross(Vec3d a, Vec3d b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+Vec3d normalized(Vec3d v)
+{
+  const double length = std::sqrt(v.x * v.x + v.y * v.y + v.z * v.z);
+  return {v.x / length, v.y / length, v.z / length};
+}
+
+// A camera's scale and shear are ignored: its view direction is kept, its up direction is made perpendicular.
+Camera make_camera(const CameraData &data, uint32_t width, uint32_t height)
+{
+  const auto column = [&](int c) {
+    return Vec3d{data.transform.m[0][c], data.transform.m[1][c], data.transform.m[2][c]};
+  };
+  const Vec3d z = normalized(column(2)), x = normalized(cross(column(1), z)), y = cross(z, x);
+  Camera camera{};
+  camera.camera_to_world = {{{float(x.x), float(y.x), float(z.x), data.transform.m[0][3]},
+                             {float(x.y), float(y.y), float(z.y), data.transform.m[1][3]},
+                             {float(x.z), float(y.z), float(z.z), data.transform.m[2][3]}}};
+  camera.tan_half_yfov = float(std::tan(0.5 * double(data.yfov_rad)));
+  camera.width = width;
+  camera.height = height;
+  return camera;
+}
+
+}  // namespace
+
+Frame::Frame(FrameScene scene, const gpurt_frame_desc &desc) : scene_(std::move(scene))
+{
+  FrameState &s = state_;
+  s.settings = resolve(desc, *scene_.compiled);
+  s.scene_hash = scene_.compiled->hash;
+  s.camera = make_camera(scene_.compiled->cameras[desc.camera], s.settings.width, s.settings.height);
+  s.accel = scene_.committed->accel_facts().accel;
+  s.triangle_test = scene_.committed->accel_facts().triangle_test;
+  const uint64_t num_pixels = uint64_t(s.settings.width) * s.settings.height;
+  const uint64_t bytes = TileFilm::bytes_for(num_pixels, s.settings.outputs) + num_pixels * sizeof(uint32_t);
+  memory_ = Reservation(scene_.memory, bytes, "the frame's film");
+  try {
+    s.film.reset(s.settings.width, s.settings.height, s.settings.outputs);
+    s.sample_sets.assign(num_pixels, SampleSets::empty);
+    bands_ = std::vector<std::mutex>(s.settings.height / rows_per_band + 1);
+  } catch (const std::bad_alloc &) {
+    fail(GPURT_ERROR_OUT_OF_MEMORY,
+         "no memory for a frame of {} x {} pixels: its film needs {} bytes; make the frame or its outputs smaller",
+         s.settings.width, s.settings.height, bytes);
+  }
+}
+
+Frame::~Frame() = default;
+
+void Frame::check_output(gpurt_output output) const
+{
+  if (output < 0 || output >= GPURT_OUTPUT_COUNT) fail_invalid("output is {}; it is none of gpurt_output", int(output));
+  if (output == GPURT_OUTPUT_TIME) fail(GPURT_ERROR_UNSUPPORTED, "GPURT_OUTPUT_TIME is not supported by this version");
+  if (!(state_.settings.outputs & 1u << output)) {
+    fail_invalid("the frame was created without {}; set bit {} of gpurt_frame_desc.outputs", output_name(output),
+                 int(output));
+  }
+}
+
+uint64_t Frame::output_bytes(gpurt_output output) const
+{
+  check_output(output);
+  return uint64_t(state_.settings.width) * state_.settings.height * num_components(output) * 4;
+}
+
+void Frame::read_row(gpurt_output output, uint32_t y, void *row) const
+{
+  const uint64_t first = pixel(0, y);
+  const PixelFeatures *features = state_.film.features.empty() ? nullptr : state_.film.features.data() + first;
+  const PixelFirstHit *first_hits = state_.film.first_hits.empty() ? nullptr : state_.film.first_hits.data() + first;
+  const std::scoped_lock lock(band_mutex(y));
+  resolve_row(output, {state_.film.pixels.data() + first, features, first_hits}, state_.settings.width, row);
+}
+
+void Frame::read(gpurt_output output, void *data, uint64_t size_bytes) const
+{
+  const uint64_t expected = output_bytes(output);
+  if (size_bytes != expected) {
+    fail_invalid("size_bytes is {}, but {} of {} x {} pixels has {} bytes", size_bytes, output_name(output),
+                 state_.settings.width, state_.settings.height, expected);
+  }
+  if (!data) fail_invalid("data is NULL");
+  const uint64_t row_bytes = expected / state_.settings.height;
+  for (uint32_t y = 0; y < state_.settings.height; ++y)
+    read_row(output, y, static_cast<std::byte *>(data) + y * row_bytes);
+}
+
+// Under jobs_mutex_.
+void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth)
+{
+  const std::scoped_lock lock(totals_mutex_);
+  FrameTotals &t = state_.totals;
+  const bool is_free = t.counters.num_samples == 0 && jobs_.empty();
+  if (!is_free && t.max_depth != max_depth) {
+    fail_invalid("max_depth is {}, but the frame holds samples of depth {}; create a new frame for another depth",
+                 max_depth, t.max_depth);
+  }
+  if (!is_free && t.pipeline != pipeline) {
+    fail_invalid("the frame holds samples of another pipeline; create a new frame for this one");
+  }
+  t.pipeline = pipeline;
+  t.max_depth = max_depth;
+}
+
+PathSettings Frame::path_settings(uint32_t max_depth) const
+{
+  return {state_.camera, state_.settings.seed, state_.settings.frame_index, max_depth};
+}
+
+void Frame::add_unit(const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters)
+{
+  const auto start = std::chrono::steady_clock::now();
+  const uint32_t width = unit.x1 - unit.x0;
+  const SampleRange taken{unit.first_sample, unit.first_sample + unit.num_samples};
+  uint64_t num_saturated = 0;
+  uint32_t old_set = invalid_id, new_set = invalid_id;  // of the last pixel: mostly those of the next one too
+  for (uint32_t y = unit.y0; y < unit.y1;) {
+    const uint32_t band_end = std::min((y / rows_per_band + 1) * rows_per_band, unit.y1);
+    const std::scoped_lock lock(band_mutex(y));
+    for (; y < band_end; ++y) {
+      const uint64_t to = pixel(unit.x0, y);
+      add_film_row(state_.film, to, film, uint64_t(y - unit.y0) * width, width);
+      for (uint64_t i = to; i < to + width; ++i) {
+        uint32_t &set = state_.sample_sets[i];
+        if (set != old_set) {
+          const std::scoped_lock sets_lock(sets_mutex_);
+          old_set = set;
+          new_set = state_.sets.unite(set, {&taken, 1});
+          if (new_set == invalid_id) {
+            fail(GPURT_ERROR_INTERNAL, "a work unit brought samples {} .. {} of pixel {} twice", taken.begin, taken.end,
+                 i);
+          }
+        }
+        set = new_set;
+        num_saturated += num_saturated_sums(state_.film.pixels[i]);
+      }
+    }
+  }
+  RenderCounters counted = counters;
+  counted.num_nonfinite = 0;  // the film knows best
+  for (const PixelSums &p : film.pixels) counted.num_nonfinite += p.num_nonfinite;
+  counted.film_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const std::scoped_lock lock(totals_mutex_);
+  add_counters(state_.totals.counters, counted);
+  state_.totals.num_saturated += num_saturated;
+  generation_++;
+}
+
+FrameTotals Frame::totals() const
+{
+  const std::scoped_lock lock(totals_mutex_);
+  return state_.totals;
+}
+
+void Frame::set_outcome(uint32_t tile_size, std::string reason)
+{
+  const std::scoped_lock lock(totals_mutex_);
+  last_tile_size_ = tile_size;
+  reason_ = std::move(reason);
+}
+
+void Frame::add_render_seconds(double seconds)
+{
+  const std::scoped_lock lock(totals_mutex_);
+  state_.totals.render_seconds += seconds;
+}
+
+uint64_t Frame::smallest_sample_count() const
+{
+  uint64_t smallest = ~uint64_t(0);
+  for (uint32_t y = 0; y < state_.settings.height; ++y) {
+    const std::scoped_lock lock(band_mutex(y));
+    for (uint64_t i = pixel(0, y); i < pixel(0, y + 1); ++i) {
+      const PixelSums &p = state_.film.pixels[i];
+      smallest = std::min(smallest, uint64_t(p.num_samples[0]) + p.num_samples[1]);
+    }
+  }
+  return smallest;
+}
+
+double Frame::estimated_error() const
+{
+  const std::scoped_lock lock(estimate_mutex_);
+  uint64_t generation, num_samples;
+  {
+    const std::scoped_lock totals_lock(totals_mutex_);
+    generation = generation_;
+    num_samples = state_.totals.counters.num_samples;
+  }
+  if (generation == estimate_generation_) return estimate_;
+  bool is_known = true;
+  const auto moments = [&](uint32_t y0, uint32_t y1, PixelMoments *out) {
+    for (uint32_t y = y0; y < y1; ++y) {
+      const std::scoped_lock band_lock(band_mutex(y));
+      for (uint64_t i = pixel(0, y); i < pixel(0, y + 1); ++i) is_known &= moments_of(state_.film.pixels[i], *out++);
+    }
+  };
+  const uint32_t width = state_.settings.width, height = state_.settings.height;
+  const double mean_samples = double(num_samples) / (double(width) * height);
+  const double estimate = estimate_relmse(width, height, mean_samples, unseen_radiance(*scene_.compiled), moments);
+  estimate_ = is_known ? estimate : -1;
+  estimate_generation_ = generation;
+  return estimate_;
+}
+
+void Frame::statistics(gpurt_statistics &out) const
+{
+  const uint64_t samples_per_pixel = smallest_sample_count();
+  const double error = estimated_error();
+  const std::scoped_lock lock(totals_mutex_);
+  const FrameTotals &t = state_.totals;
+  const RenderCounters &c = t.counters;
+  out.pipeline = t.pipeline;
+  out.accel = gpurt_accel(state_.accel);
+  out.triangle_test = gpurt_triangle_test(state_.triangle_test);
+  out.max_depth = t.max_depth;
+  out.tile_size = last_tile_size_;
+  out.num_threads = scene_.num_threads;
+  out.width = state_.settings.width;
+  out.height = state_.settings.height;
+  out.seed = state_.settings.seed;
+  out.samples_per_pixel = samples_per_pixel;
+  out.num_samples = c.num_samples;
+  out.num_camera_rays = c.num_camera_rays;
+  out.num_bounce_rays = c.num_bounce_rays;
+  out.num_shadow_rays = c.num_shadow_rays;
+  out.num_nonfinite = c.num_nonfinite;
+  out.num_saturated = t.num_saturated;
+  out.render_seconds = t.render_seconds;
+  out.generate_seconds = c.generate_seconds;
+  out.trace_seconds = c.trace_seconds;
+  out.shade_seconds = c.shade_seconds;
+  out.shadow_seconds = c.shadow_seconds;
+  out.film_seconds = c.film_seconds;
+  out.build_seconds = scene_.build_seconds;
+  out.estimated_error = error;
+  out.largest_sample = double(c.largest_sample);
+  out.memory_peak_bytes = scene_.memory ? scene_.memory->peak() : 0;
+  std::memset(out.reason, 0, sizeof out.reason);
+  reason_.copy(out.reason, sizeof out.reason - 1);
+}
+
+}  // namespace gpurt

@@ -1,0 +1,167 @@
+#include "frame/outputs.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "frame/error_estimate.h"
+
+namespace gpurt {
+
+namespace {
+
+uint64_t num_finite(const PixelSums &p) { return uint64_t(p.num_samples[0]) + p.num_samples[1]; }
+
+FixedSum color_sum(const PixelSums &p, int channel)
+{
+  FixedSum sum = p.color[0][channel];
+  add(sum, p.color[1][channel]);
+  return sum;
+}
+
+// Features are taken of every sample, also of those whose radiance was not finite.
+float mean_feature(const PixelSums &p, int64_t sum)
+{
+  const uint64_t taken = num_finite(p) + p.num_nonfinite;
+  return taken != 0 ? float(double(sum) * 0x1p-32 / double(taken)) : 0.0f;
+}
+
+}  // namespace
+
+const char *output_name(gpurt_output output)
+{
+  switch (output) {
+    case GPURT_OUTPUT_COLOR:
+      return "colour";
+    case GPURT_OUTPUT_ALPHA:
+      return "alpha";
+    case GPURT_OUTPUT_DEPTH:
+      return "depth";
+    case GPURT_OUTPUT_NORMAL:
+      return "normal";
+    case GPURT_OUTPUT_ALBEDO:
+      return "albedo";
+    case GPURT_OUTPUT_POSITION:
+      return "position";
+    case GPURT_OUTPUT_PRIMITIVE:
+      return "primitive";
+    case GPURT_OUTPUT_INSTANCE:
+      return "instance";
+    case GPURT_OUTPUT_SAMPLE_COUNT:
+      return "sample count";
+    case GPURT_OUTPUT_VARIANCE:
+      return "variance";
+    case GPURT_OUTPUT_TIME:
+      return "time";
+    default:
+      return "unknown output";
+  }
+}
+
+uint32_t num_components(gpurt_output output)
+{
+  switch (output) {
+    case GPURT_OUTPUT_COLOR:
+    case GPURT_OUTPUT_NORMAL:
+    case GPURT_OUTPUT_ALBEDO:
+    case GPURT_OUTPUT_POSITION:
+    case GPURT_OUTPUT_VARIANCE:
+      return 3;
+    default:
+      return 1;
+  }
+}
+
+bool moments_of(const PixelSums &sums, PixelMoments &out)
+{
+  const double a_count = sums.num_samples[0], b_count = sums.num_samples[1], count = a_count + b_count;
+  const bool is_known = a_count > 0 && b_count > 0;
+  out.is_covered = sums.num_covered > 0;
+  for (int c = 0; c < 3; ++c) {
+    out.mean[c] = count > 0 ? float(to_double(color_sum(sums, c)) / count) : 0.0f;
+    out.variance[c] = std::numeric_limits<float>::infinity();
+    if (!is_known) continue;
+    // With s^2 the variance of one sample, E (a - b)^2 = s^2 (1/na + 1/nb), and that of the mean of all is s^2 / n.
+    const double difference = to_double(sums.color[0][c]) / a_count - to_double(sums.color[1][c]) / b_count;
+    out.variance[c] = float(difference * difference * (a_count / count) * (b_count / count));
+  }
+  return is_known;
+}
+
+void resolve_row(gpurt_output output, const SumRow &row, uint32_t width, void *out)
+{
+  auto *values = static_cast<float *>(out);
+  auto *ids = static_cast<uint32_t *>(out);
+  for (uint32_t x = 0; x < width; ++x) {
+    const PixelSums &p = row.pixels[x];
+    const uint64_t count = num_finite(p);
+    switch (output) {
+      case GPURT_OUTPUT_COLOR:
+        for (int c = 0; c < 3; ++c) *values++ = count ? float(to_double(color_sum(p, c)) / double(count)) : 0.0f;
+        break;
+      case GPURT_OUTPUT_ALPHA:
+        *values++ = count ? float(double(p.num_covered) / double(count)) : 0.0f;
+        break;
+      case GPURT_OUTPUT_DEPTH:
+        *values++ = row.first_hits[x].is_set ? row.first_hits[x].depth : 0.0f;
+        break;
+      case GPURT_OUTPUT_NORMAL:
+        for (int c = 0; c < 3; ++c) *values++ = mean_feature(p, row.features[x].normal[c]);
+        break;
+      case GPURT_OUTPUT_ALBEDO:
+        for (int c = 0; c < 3; ++c) *values++ = mean_feature(p, row.features[x].albedo[c]);
+        break;
+      case GPURT_OUTPUT_POSITION: {
+        const Vec3f position = row.first_hits[x].position;  // 0 until it is set
+        *values++ = position.x;
+        *values++ = position.y;
+        *values++ = position.z;
+        break;
+      }
+      case GPURT_OUTPUT_PRIMITIVE:
+        *ids++ = row.first_hits[x].is_set ? row.first_hits[x].primitive : GPURT_INVALID_ID;
+        break;
+      case GPURT_OUTPUT_INSTANCE:
+        *ids++ = row.first_hits[x].is_set ? row.first_hits[x].instance : GPURT_INVALID_ID;
+        break;
+      case GPURT_OUTPUT_SAMPLE_COUNT:
+        *ids++ = uint32_t(count);
+        break;
+      case GPURT_OUTPUT_VARIANCE: {
+        PixelMoments moments;
+        moments_of(p, moments);
+        for (float variance : moments.variance) *values++ = count ? variance : 0.0f;
+        break;
+      }
+      default:
+        GPURT_ASSERT(false);
+    }
+  }
+}
+
+uint32_t num_saturated_sums(const PixelSums &sums)
+{
+  // Half of the range: one more unit cannot wrap around what is still below it.
+  constexpr int64_t limit = int64_t(1) << 61;
+  uint32_t n = 0;
+  for (const auto &half : sums.color) {
+    for (const FixedSum &sum : half) n += sum.high >= limit || sum.high < -limit ? 1 : 0;
+  }
+  return n;
+}
+
+void add_counters(RenderCounters &sum, const RenderCounters &other)
+{
+  sum.num_samples += other.num_samples;
+  sum.num_camera_rays += other.num_camera_rays;
+  sum.num_bounce_rays += other.num_bounce_rays;
+  sum.num_shadow_rays += other.num_shadow_rays;
+  sum.num_nonfinite += other.num_nonfinite;
+  sum.generate_seconds += other.generate_seconds;
+  sum.trace_seconds += other.trace_seconds;
+  sum.shade_seconds += other.shade_seconds;
+  sum.shadow_seconds += other.shadow_seconds;
+  sum.film_seconds += other.film_seconds;
+  sum.largest_sample = std::max(sum.largest_sample, other.largest_sample);
+}
+
+}  // namespace gpurt
