@@ -98,6 +98,15 @@ class CommittedScene {
   virtual HostKdTree export_tree(uint32_t tree) const = 0;
 };
 
+/// What a committed scene may offer beside CommittedScene: queries that are queued on the caller's stream. The handles are
+/// those of gpurt_cuda.h; null: none.
+class StreamTracing {
+ public:
+  virtual ~StreamTracing() = default;
+  /// Queues the request, whose memory is the device's, and returns; the committed scene outlives the work.
+  virtual void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event, void *done_event) const = 0;
+};
+
 struct DeviceInfo {
   gpurt_device_type type = GPURT_DEVICE_CPU;
   uint32_t ordinal = 0;
