@@ -7,8 +7,8 @@ namespace gpurt {
 namespace {
 
 constexpr uint32_t feature_outputs = 1u << GPURT_OUTPUT_NORMAL | 1u << GPURT_OUTPUT_ALBEDO;
-constexpr uint32_t first_hit_outputs =
-    1u << GPURT_OUTPUT_DEPTH | 1u << GPURT_OUTPUT_POSITION | 1u << GPURT_OUTPUT_PRIMITIVE | 1u << GPURT_OUTPUT_INSTANCE;
+constexpr uint32_t first_hit_outputs = 1u << GPURT_OUTPUT_DEPTH | 1u << GPURT_OUTPUT_POSITION |
+                                       1u << GPURT_OUTPUT_PRIMITIVE | 1u << GPURT_OUTPUT_INSTANCE;
 
 }  // namespace
 
@@ -25,8 +25,8 @@ void TileFilm::reset(uint32_t w, uint32_t h, uint32_t wanted_outputs)
 
 FilmView TileFilm::view()
 {
-  return {pixels.data(), features.empty() ? nullptr : features.data(), first_hits.empty() ? nullptr : first_hits.data(),
-          width, height};
+  return {pixels.data(), features.empty() ? nullptr : features.data(),
+          first_hits.empty() ? nullptr : first_hits.data(), width, height};
 }
 
 uint64_t TileFilm::bytes() const { return bytes_for(pixels.size(), outputs); }

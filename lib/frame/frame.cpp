@@ -11,7 +11,8 @@ namespace gpurt {
 
 namespace {
 
-constexpr uint32_t always_kept = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA | 1u << GPURT_OUTPUT_SAMPLE_COUNT;
+constexpr uint32_t always_kept =
+    1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA | 1u << GPURT_OUTPUT_SAMPLE_COUNT;
 
 uint32_t checked_size(uint32_t wanted, uint32_t from_camera, const char *what)
 {
@@ -24,13 +25,16 @@ uint32_t checked_size(uint32_t wanted, uint32_t from_camera, const char *what)
 FrameSettings resolve(const gpurt_frame_desc &desc, const CompiledScene &scene)
 {
   if (desc.camera >= scene.cameras.size()) {
-    fail_invalid("camera is {}, but the committed scene has {} cameras; add one with gpurt_scene_add_camera and commit",
-                 desc.camera, scene.cameras.size());
+    fail_invalid(
+        "camera is {}, but the committed scene has {} cameras; add one with gpurt_scene_add_camera and "
+        "commit",
+        desc.camera, scene.cameras.size());
   }
   if (desc.outputs >> GPURT_OUTPUT_COUNT != 0)
     fail_invalid("outputs is {:#x}; its bits are 1 << gpurt_output", desc.outputs);
   if (desc.outputs & 1u << GPURT_OUTPUT_TIME) {
-    fail(GPURT_ERROR_UNSUPPORTED, "GPURT_OUTPUT_TIME is not supported by this version; leave its bit out of outputs");
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "GPURT_OUTPUT_TIME is not supported by this version; leave its bit out of outputs");
   }
   const CameraData &camera = scene.cameras[desc.camera];
   FrameSettings settings;
@@ -47,7 +51,10 @@ FrameSettings resolve(const gpurt_frame_desc &desc, const CompiledScene &scene)
 struct Vec3d {
   double x, y, z;
 };
-Vec3d cross(Vec3d a, Vec3d b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+Vec3d cross(Vec3d a, Vec3d b)
+{
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
 Vec3d normalized(Vec3d v)
 {
   const double length = std::sqrt(v.x * v.x + v.y * v.y + v.z * v.z);
@@ -90,7 +97,8 @@ Frame::Frame(FrameScene scene, const gpurt_frame_desc &desc) : scene_(std::move(
     bands_ = std::vector<std::mutex>(s.settings.height / rows_per_band + 1);
   } catch (const std::bad_alloc &) {
     fail(GPURT_ERROR_OUT_OF_MEMORY,
-         "no memory for a frame of {} x {} pixels: its film needs {} bytes; make the frame or its outputs smaller",
+         "no memory for a frame of {} x {} pixels: its film needs {} bytes; make the frame or its outputs "
+         "smaller",
          s.settings.width, s.settings.height, bytes);
   }
 }
@@ -99,11 +107,13 @@ Frame::~Frame() = default;
 
 void Frame::check_output(gpurt_output output) const
 {
-  if (output < 0 || output >= GPURT_OUTPUT_COUNT) fail_invalid("output is {}; it is none of gpurt_output", int(output));
-  if (output == GPURT_OUTPUT_TIME) fail(GPURT_ERROR_UNSUPPORTED, "GPURT_OUTPUT_TIME is not supported by this version");
+  if (output < 0 || output >= GPURT_OUTPUT_COUNT)
+    fail_invalid("output is {}; it is none of gpurt_output", int(output));
+  if (output == GPURT_OUTPUT_TIME)
+    fail(GPURT_ERROR_UNSUPPORTED, "GPURT_OUTPUT_TIME is not supported by this version");
   if (!(state_.settings.outputs & 1u << output)) {
-    fail_invalid("the frame was created without {}; set bit {} of gpurt_frame_desc.outputs", output_name(output),
-                 int(output));
+    fail_invalid("the frame was created without {}; set bit {} of gpurt_frame_desc.outputs",
+                 output_name(output), int(output));
   }
 }
 
@@ -116,8 +126,10 @@ uint64_t Frame::output_bytes(gpurt_output output) const
 void Frame::read_row(gpurt_output output, uint32_t y, void *row) const
 {
   const uint64_t first = pixel(0, y);
-  const PixelFeatures *features = state_.film.features.empty() ? nullptr : state_.film.features.data() + first;
-  const PixelFirstHit *first_hits = state_.film.first_hits.empty() ? nullptr : state_.film.first_hits.data() + first;
+  const PixelFeatures *features =
+      state_.film.features.empty() ? nullptr : state_.film.features.data() + first;
+  const PixelFirstHit *first_hits =
+      state_.film.first_hits.empty() ? nullptr : state_.film.first_hits.data() + first;
   const std::scoped_lock lock(band_mutex(y));
   resolve_row(output, {state_.film.pixels.data() + first, features, first_hits}, state_.settings.width, row);
 }
@@ -142,8 +154,9 @@ void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth)
   FrameTotals &t = state_.totals;
   const bool is_free = t.counters.num_samples == 0 && jobs_.empty();
   if (!is_free && t.max_depth != max_depth) {
-    fail_invalid("max_depth is {}, but the frame holds samples of depth {}; create a new frame for another depth",
-                 max_depth, t.max_depth);
+    fail_invalid(
+        "max_depth is {}, but the frame holds samples of depth {}; create a new frame for another depth",
+        max_depth, t.max_depth);
   }
   if (!is_free && t.pipeline != pipeline) {
     fail_invalid("the frame holds samples of another pipeline; create a new frame for this one");
@@ -177,8 +190,8 @@ void Frame::add_unit(const WorkUnit &unit, const TileFilm &film, const RenderCou
           old_set = set;
           new_set = state_.sets.unite(set, {&taken, 1});
           if (new_set == invalid_id) {
-            fail(GPURT_ERROR_INTERNAL, "a work unit brought samples {} .. {} of pixel {} twice", taken.begin, taken.end,
-                 i);
+            fail(GPURT_ERROR_INTERNAL, "a work unit brought samples {} .. {} of pixel {} twice", taken.begin,
+                 taken.end, i);
           }
         }
         set = new_set;
@@ -242,12 +255,14 @@ double Frame::estimated_error() const
   const auto moments = [&](uint32_t y0, uint32_t y1, PixelMoments *out) {
     for (uint32_t y = y0; y < y1; ++y) {
       const std::scoped_lock band_lock(band_mutex(y));
-      for (uint64_t i = pixel(0, y); i < pixel(0, y + 1); ++i) is_known &= moments_of(state_.film.pixels[i], *out++);
+      for (uint64_t i = pixel(0, y); i < pixel(0, y + 1); ++i)
+        is_known &= moments_of(state_.film.pixels[i], *out++);
     }
   };
   const uint32_t width = state_.settings.width, height = state_.settings.height;
   const double mean_samples = double(num_samples) / (double(width) * height);
-  const double estimate = estimate_relmse(width, height, mean_samples, unseen_radiance(*scene_.compiled), moments);
+  const double estimate =
+      estimate_relmse(width, height, mean_samples, unseen_radiance(*scene_.compiled), moments);
   estimate_ = is_known ? estimate : -1;
   estimate_generation_ = generation;
   return estimate_;

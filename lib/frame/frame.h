@@ -28,7 +28,8 @@ struct FrameSettings {
   uint32_t outputs = 0;  // bits of gpurt_output; colour, alpha and sample count are always set
   uint32_t frame_index = 0;
   uint64_t seed = 0;
-  uint64_t first_sample = 0;  // where pixels without samples start; frames may differ in it and still be merged
+  uint64_t first_sample =
+      0;  // where pixels without samples start; frames may differ in it and still be merged
 };
 
 /// Totals over all jobs of a frame, and what its samples were made with; part of a saved state.

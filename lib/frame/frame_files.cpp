@@ -102,16 +102,19 @@ void Frame::save_exr(const std::string &path) const
 {
   const std::vector<Layer> layers = layers_of(state_.settings.outputs);
   std::vector<ExrChannel> channels;
-  for (const Layer &layer : layers) channels.insert(channels.end(), layer.channels.begin(), layer.channels.end());
+  for (const Layer &layer : layers)
+    channels.insert(channels.end(), layer.channels.begin(), layer.channels.end());
 
   const FrameSettings &s = state_.settings;
   const FrameTotals t = totals();
   const ExrAttributes attributes = {
-      {"gpurt:version", fmt::format("{}.{}.{}", GPURT_VERSION_MAJOR, GPURT_VERSION_MINOR, GPURT_VERSION_PATCH)},
+      {"gpurt:version",
+       fmt::format("{}.{}.{}", GPURT_VERSION_MAJOR, GPURT_VERSION_MINOR, GPURT_VERSION_PATCH)},
       {"gpurt:settings",
-       fmt::format("pipeline={} accel={} triangle_test={} max_depth={} camera={} frame_index={} first_sample={}",
-                   t.pipeline == GPURT_PIPELINE_PATH ? "path" : "none", accel_name(state_.accel),
-                   test_name(state_.triangle_test), t.max_depth, s.camera, s.frame_index, s.first_sample)},
+       fmt::format(
+           "pipeline={} accel={} triangle_test={} max_depth={} camera={} frame_index={} first_sample={}",
+           t.pipeline == GPURT_PIPELINE_PATH ? "path" : "none", accel_name(state_.accel),
+           test_name(state_.triangle_test), t.max_depth, s.camera, s.frame_index, s.first_sample)},
       {"gpurt:seed", fmt::format("{}", s.seed)},
       {"gpurt:samples", fmt::format("{}", smallest_sample_count())},
       {"gpurt:sceneHash", fmt::format("{:016x}", state_.scene_hash)},
@@ -151,7 +154,8 @@ void Frame::save_state(const std::string &path) const
         const TileFilm &film = state_.film;
         const std::scoped_lock lock(band_mutex(y));
         sink({film.pixels.data() + first, film.features.empty() ? nullptr : film.features.data() + first,
-              film.first_hits.empty() ? nullptr : film.first_hits.data() + first, state_.sample_sets.data() + first});
+              film.first_hits.empty() ? nullptr : film.first_hits.data() + first,
+              state_.sample_sets.data() + first});
       },
       [&] {
         const std::scoped_lock lock(sets_mutex_);
@@ -164,7 +168,8 @@ void Frame::check_same_image(const FrameState &other, const std::string &other_n
 {
   const auto require = [&](const char *what, const auto &ours, const auto &theirs) {
     if (ours != theirs) {
-      fail_invalid("{} cannot be merged: its {} is {}, that of the frame is {}", other_name, what, theirs, ours);
+      fail_invalid("{} cannot be merged: its {} is {}, that of the frame is {}", other_name, what, theirs,
+                   ours);
     }
   };
   const FrameSettings &a = state_.settings, &b = other.settings;
@@ -185,22 +190,26 @@ void Frame::check_same_image(const FrameState &other, const std::string &other_n
         "render all parts with the same accelerator",
         other_name, accel_name(other.accel), accel_name(state_.accel));
   }
-  require("triangle test", std::string(test_name(state_.triangle_test)), std::string(test_name(other.triangle_test)));
+  require("triangle test", std::string(test_name(state_.triangle_test)),
+          std::string(test_name(other.triangle_test)));
 }
 
 void Frame::merge(Frame &other)
 {
   if (this == &other) fail_invalid("a frame cannot be merged into itself: its samples would count twice");
   const std::scoped_lock lock(jobs_mutex_, other.jobs_mutex_);
-  if (is_rendering()) fail_invalid("a job of the frame still runs; wait for it before merging into the frame");
-  if (other.is_rendering()) fail_invalid("a job of the other frame still runs; wait for it before merging that frame");
+  if (is_rendering())
+    fail_invalid("a job of the frame still runs; wait for it before merging into the frame");
+  if (other.is_rendering())
+    fail_invalid("a job of the other frame still runs; wait for it before merging that frame");
   merge_state(other.state_, "the other frame");
 }
 
 void Frame::load_state(const std::string &path)
 {
   const std::scoped_lock lock(jobs_mutex_);
-  if (is_rendering()) fail_invalid("a job of the frame still runs; wait for it before loading a state into the frame");
+  if (is_rendering())
+    fail_invalid("a job of the frame still runs; wait for it before loading a state into the frame");
   const LoadedState loaded =
       read_state(path, scene_.memory, [&](const FrameState &header) { check_same_image(header, path); });
   merge_state(loaded.state, path);
@@ -224,13 +233,15 @@ void Frame::merge_state(const FrameState &other, const std::string &other_name)
     }
     if (entry->second == invalid_id) {
       fail_invalid(
-          "{} cannot be merged: samples would count twice: at pixel ({}, {}) it has {} and the frame {}; give each "
+          "{} cannot be merged: samples would count twice: at pixel ({}, {}) it has {} and the frame {}; "
+          "give each "
           "part its own first_sample",
-          other_name, i % width, i / width, text_of(other.sets.ranges(theirs)), text_of(state_.sets.ranges(ours)));
+          other_name, i % width, i / width, text_of(other.sets.ranges(theirs)),
+          text_of(state_.sets.ranges(ours)));
     }
     if (is_new && state_.sets.num_samples(entry->second) > ~uint32_t(0)) {
-      fail_invalid("{} cannot be merged: pixel ({}, {}) would have {} samples, more than a film can hold", other_name,
-                   i % width, i / width, state_.sets.num_samples(entry->second));
+      fail_invalid("{} cannot be merged: pixel ({}, {}) would have {} samples, more than a film can hold",
+                   other_name, i % width, i / width, state_.sets.num_samples(entry->second));
     }
   }
 

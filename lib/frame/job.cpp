@@ -46,8 +46,8 @@ const char *pipeline_name(gpurt_pipeline pipeline)
 }
 
 // Puts values for zeros and refuses what cannot be done.
-gpurt_render_desc resolve(gpurt_render_desc desc, const FrameSettings &frame, std::span<const gpurt_tile> tiles,
-                          uint32_t num_threads)
+gpurt_render_desc resolve(gpurt_render_desc desc, const FrameSettings &frame,
+                          std::span<const gpurt_tile> tiles, uint32_t num_threads)
 {
   if (desc.pipeline == GPURT_PIPELINE_AUTO) desc.pipeline = GPURT_PIPELINE_PATH;
   const char *name = pipeline_name(desc.pipeline);
@@ -63,7 +63,8 @@ gpurt_render_desc resolve(gpurt_render_desc desc, const FrameSettings &frame, st
     desc.samples_per_pixel = default_samples;
   if (desc.target_error > 0 && area(tiles) != uint64_t(frame.width) * frame.height) {
     fail_invalid(
-        "target_error is the error of the whole frame, but the tiles cover only {} of its {} pixels; submit the "
+        "target_error is the error of the whole frame, but the tiles cover only {} of its {} pixels; submit "
+        "the "
         "whole frame or give samples_per_pixel",
         area(tiles), uint64_t(frame.width) * frame.height);
   }
@@ -89,7 +90,8 @@ std::shared_ptr<Job> Job::submit(std::shared_ptr<Frame> frame, const gpurt_rende
   const std::scoped_lock lock(frame->jobs_mutex_);
   if (frame->first_gap_ != Frame::no_gap) {
     fail_invalid(
-        "the frame cannot be continued: the samples of pixel ({}, {}) have gaps; merge the missing parts first",
+        "the frame cannot be continued: the samples of pixel ({}, {}) have gaps; merge the missing parts "
+        "first",
         frame->first_gap_ % settings.width, frame->first_gap_ / settings.width);
   }
   frame->begin_samples(resolved.pipeline, resolved.max_depth);
@@ -192,7 +194,8 @@ std::vector<Region> Job::plan() const
   std::vector<Region> regions;
   for (const gpurt_tile &tile : uniform) {
     const uint32_t set = set_of(tile.x0, tile.y0);
-    const uint64_t first = set == SampleSets::empty ? state.settings.first_sample : state.sets.ranges(set)[0].begin;
+    const uint64_t first =
+        set == SampleSets::empty ? state.settings.first_sample : state.sets.ranges(set)[0].begin;
     regions.push_back({tile, first, state.sets.num_samples(set)});
   }
   return regions;
@@ -212,7 +215,8 @@ void Job::render()
   uint64_t goal = desc_.target_error > 0 ? std::min(limit, checkpoint_from(most)) : limit;
   if (desc_.target_error > 0 || desc_.samples_per_pixel != 0) {
     double expected = 0;
-    for (const Region &r : regions_) expected += double(area(r.tile)) * double(goal - std::min(goal, r.num_samples));
+    for (const Region &r : regions_)
+      expected += double(area(r.tile)) * double(goal - std::min(goal, r.num_samples));
     expected_ = expected;
   }
   std::string reason;
@@ -234,16 +238,19 @@ void Job::render()
     if (goal >= limit) {
       if (desc_.samples_per_pixel == 0) {
         fail(GPURT_ERROR_UNSUPPORTED,
-             "a film holds no more than {} samples per pixel, and the estimated error is still {}", limit, error);
+             "a film holds no more than {} samples per pixel, and the estimated error is still {}", limit,
+             error);
       }
       reason = fmt::format("{} samples per pixel, as asked", goal);
       break;
     }
     goal = std::min(limit, checkpoint_after(goal));
     // The error falls with the number of samples: a guess for the progress alone.
-    if (error > 0) expected_ = std::max(double(done_) * error / double(desc_.target_error), double(done_) * 1.01);
+    if (error > 0)
+      expected_ = std::max(double(done_) * error / double(desc_.target_error), double(done_) * 1.01);
   }
-  frame_->set_outcome(desc_.tile_size, fmt::format("path is the only pipeline of this version; stopped at {}", reason));
+  frame_->set_outcome(desc_.tile_size,
+                      fmt::format("path is the only pipeline of this version; stopped at {}", reason));
   share_ = 1;
   if (desc_.progress) desc_.progress(desc_.progress_user, double(done_), double(done_));
 }
@@ -302,10 +309,12 @@ void Job::render_pass(std::span<const WorkUnit> units)
   frame_->scene().committed->render(pass);
   if (const uint64_t n = frame_->totals().num_saturated) {
     fail(GPURT_ERROR_INTERNAL,
-         "{} sums of the film left their range; the image is not valid: the scene's lights are too strong", n);
+         "{} sums of the film left their range; the image is not valid: the scene's lights are too strong",
+         n);
   }
   if (!cancelled_ && num_delivered != units.size()) {
-    fail(GPURT_ERROR_INTERNAL, "the backend delivered {} of {} work units", num_delivered.load(), units.size());
+    fail(GPURT_ERROR_INTERNAL, "the backend delivered {} of {} work units", num_delivered.load(),
+         units.size());
   }
 }
 

@@ -47,7 +47,8 @@ class Job {
   void finish(gpurt_result result, std::string error);
 
   const std::shared_ptr<Frame> frame_;
-  const gpurt_render_desc desc_;  // resolved: zero means "no such limit", and nothing else has a default any more
+  const gpurt_render_desc
+      desc_;  // resolved: zero means "no such limit", and nothing else has a default any more
   const std::vector<gpurt_tile> tiles_;
   std::atomic<bool> cancelled_{false};
 

@@ -96,7 +96,8 @@ void resolve_row(gpurt_output output, const SumRow &row, uint32_t width, void *o
     const uint64_t count = num_finite(p);
     switch (output) {
       case GPURT_OUTPUT_COLOR:
-        for (int c = 0; c < 3; ++c) *values++ = count ? float(to_double(color_sum(p, c)) / double(count)) : 0.0f;
+        for (int c = 0; c < 3; ++c)
+          *values++ = count ? float(to_double(color_sum(p, c)) / double(count)) : 0.0f;
         break;
       case GPURT_OUTPUT_ALPHA:
         *values++ = count ? float(double(p.num_covered) / double(count)) : 0.0f;

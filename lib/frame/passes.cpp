@@ -13,19 +13,20 @@ void check_tiles(std::span<const gpurt_tile> tiles, uint32_t width, uint32_t hei
   for (size_t i = 0; i < tiles.size(); ++i) {
     const gpurt_tile &t = tiles[i];
     if (t.x0 >= t.x1 || t.y0 >= t.y1) {
-      fail_invalid("tile {} is empty: [{}, {}) x [{}, {}); x1 and y1 are one past the last pixel", i, t.x0, t.x1, t.y0,
-                   t.y1);
+      fail_invalid("tile {} is empty: [{}, {}) x [{}, {}); x1 and y1 are one past the last pixel", i, t.x0,
+                   t.x1, t.y0, t.y1);
     }
     if (t.x1 > width || t.y1 > height) {
-      fail_invalid("tile {}, [{}, {}) x [{}, {}), leaves the frame of {} x {} pixels", i, t.x0, t.x1, t.y0, t.y1, width,
-                   height);
+      fail_invalid("tile {}, [{}, {}) x [{}, {}), leaves the frame of {} x {} pixels", i, t.x0, t.x1, t.y0,
+                   t.y1, width, height);
     }
     for (uint32_t y = t.y0; y < t.y1; ++y) {
       for (uint32_t x = t.x0; x < t.x1; ++x) {
         auto bit = taken[uint64_t(y) * width + x];
         if (bit)
-          fail_invalid("tile {} overlaps an earlier one at pixel ({}, {}); the tiles of one job must be disjoint", i, x,
-                       y);
+          fail_invalid(
+              "tile {} overlaps an earlier one at pixel ({}, {}); the tiles of one job must be disjoint", i,
+              x, y);
         bit = true;
       }
     }

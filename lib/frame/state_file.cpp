@@ -14,14 +14,16 @@ namespace gpurt {
 
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "a big-endian machine needs byte swaps in this file");
+static_assert(std::endian::native == std::endian::little,
+              "a big-endian machine needs byte swaps in this file");
 static_assert(sizeof(PixelSums) == 112 && sizeof(PixelFeatures) == 48 && sizeof(PixelFirstHit) == 32 &&
                   sizeof(SampleRange) == 16,
               "the file holds these as they lie in memory: a change of layout needs a new format_version");
 
 constexpr char magic[8] = {'g', 'p', 'u', 'r', 't', 'f', 'r', 'm'};
 constexpr uint32_t format_version = 1;
-constexpr uint32_t library_version = GPURT_VERSION_MAJOR << 16 | GPURT_VERSION_MINOR << 8 | GPURT_VERSION_PATCH;
+constexpr uint32_t library_version =
+    GPURT_VERSION_MAJOR << 16 | GPURT_VERSION_MINOR << 8 | GPURT_VERSION_PATCH;
 
 // Everything but the arrays, in the order of the file. No padding: eight-byte fields first.
 struct Header {
@@ -168,7 +170,8 @@ class Reader {
  private:
   void read_plain(void *data, uint64_t size_bytes)
   {
-    if (size_bytes > remaining_bytes()) fail(GPURT_ERROR_IO, "{}: damaged: {} bytes are too few", path_, size_bytes_);
+    if (size_bytes > remaining_bytes())
+      fail(GPURT_ERROR_IO, "{}: damaged: {} bytes are too few", path_, size_bytes_);
     position_ += size_bytes;
     if (size_bytes == 0 || std::fread(data, 1, size_bytes, file_.get()) == size_bytes) return;
     const char *reason = std::ferror(file_.get()) ? std::strerror(errno) : "it ended while it was read";
@@ -185,12 +188,15 @@ uint64_t num_pixels(const FrameSettings &settings) { return uint64_t(settings.wi
 
 uint64_t array_bytes(const FrameSettings &settings)
 {
-  return TileFilm::bytes_for(num_pixels(settings), settings.outputs) + num_pixels(settings) * sizeof(uint32_t);
+  return TileFilm::bytes_for(num_pixels(settings), settings.outputs) +
+         num_pixels(settings) * sizeof(uint32_t);
 }
 
 SampleSets read_sets(const std::string &path, Reader &file)
 {
-  const auto refuse = [&] { fail(GPURT_ERROR_IO, "{}: damaged: its table of samples contradicts itself", path); };
+  const auto refuse = [&] {
+    fail(GPURT_ERROR_IO, "{}: damaged: its table of samples contradicts itself", path);
+  };
   SampleSets sets;
   uint64_t num_sets;
   file.read(&num_sets, sizeof num_sets);
@@ -271,15 +277,17 @@ LoadedState read_state(const std::string &path, const std::shared_ptr<MemoryTrac
   if (file.size_bytes() < sizeof h)
     fail(GPURT_ERROR_IO, "{}: not a gpurt state file: only {} bytes long", path, file.size_bytes());
   file.read(&h, sizeof h);
-  if (std::memcmp(h.magic, magic, sizeof magic) != 0) fail(GPURT_ERROR_IO, "{}: not a gpurt state file", path);
+  if (std::memcmp(h.magic, magic, sizeof magic) != 0)
+    fail(GPURT_ERROR_IO, "{}: not a gpurt state file", path);
   if (h.format_version != format_version) {
-    fail(GPURT_ERROR_IO, "{}: has format version {}; this library reads {}", path, h.format_version, format_version);
+    fail(GPURT_ERROR_IO, "{}: has format version {}; this library reads {}", path, h.format_version,
+         format_version);
   }
   if (h.library_version != library_version) {
     const uint32_t theirs = h.library_version, ours = library_version;
     fail(GPURT_ERROR_IO,
-         "{}: was written by gpurt {}.{}.{}; only that version can continue or merge it, this is {}.{}.{}", path,
-         theirs >> 16, theirs >> 8 & 0xff, theirs & 0xff, ours >> 16, ours >> 8 & 0xff, ours & 0xff);
+         "{}: was written by gpurt {}.{}.{}; only that version can continue or merge it, this is {}.{}.{}",
+         path, theirs >> 16, theirs >> 8 & 0xff, theirs & 0xff, ours >> 16, ours >> 8 & 0xff, ours & 0xff);
   }
   file.expect_checksum();
   LoadedState loaded{state_from(h), {}};
@@ -287,8 +295,8 @@ LoadedState read_state(const std::string &path, const std::shared_ptr<MemoryTrac
   // Sizes are below 2^16 each, so that the products below cannot overflow.
   if (h.width == 0 || h.height == 0 || h.width > max_frame_size || h.height > max_frame_size ||
       h.outputs >> GPURT_OUTPUT_COUNT != 0 || file.remaining_bytes() < array_bytes(state.settings)) {
-    fail(GPURT_ERROR_IO, "{}: damaged: {} bytes do not hold a frame of {} x {} pixels", path, file.size_bytes(),
-         h.width, h.height);
+    fail(GPURT_ERROR_IO, "{}: damaged: {} bytes do not hold a frame of {} x {} pixels", path,
+         file.size_bytes(), h.width, h.height);
   }
   check(state);
   loaded.memory = Reservation(memory, array_bytes(state.settings), "a loaded frame state");
@@ -297,7 +305,8 @@ LoadedState read_state(const std::string &path, const std::shared_ptr<MemoryTrac
   for (uint64_t y = 0; y < h.height; ++y) {
     const uint64_t first = y * h.width;
     file.read(state.film.pixels.data() + first, h.width * sizeof(PixelSums));
-    if (!state.film.features.empty()) file.read(state.film.features.data() + first, h.width * sizeof(PixelFeatures));
+    if (!state.film.features.empty())
+      file.read(state.film.features.data() + first, h.width * sizeof(PixelFeatures));
     if (!state.film.first_hits.empty())
       file.read(state.film.first_hits.data() + first, h.width * sizeof(PixelFirstHit));
     file.read(state.sample_sets.data() + first, h.width * sizeof(uint32_t));
