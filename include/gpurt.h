@@ -590,7 +590,7 @@ typedef enum gpurt_output {
   GPURT_OUTPUT_PRIMITIVE = 6,    /* uint32 [h][w], first sample; GPURT_INVALID_ID: nothing hit */
   GPURT_OUTPUT_INSTANCE = 7,     /* uint32 [h][w], first sample */
   GPURT_OUTPUT_SAMPLE_COUNT = 8, /* uint32 [h][w] */
-  GPURT_OUTPUT_VARIANCE = 9,     /* float32 [h][w][3]: variance of the colour, from two independent halves */
+  GPURT_OUTPUT_VARIANCE = 9,     /* float32 [h][w][3]: variance of the colour, from two independent halves; infinite while one is empty */
   GPURT_OUTPUT_TIME = 10,        /* this version: UNSUPPORTED */
   GPURT_OUTPUT_COUNT = 11,
   GPURT_OUTPUT_FORCE32 = 0x7fffffff
@@ -641,7 +641,7 @@ typedef struct gpurt_render_desc {
   float target_error;         /* stop at the first whole-frame pass whose estimated relMSE is below; 0: none */
   double time_limit_s;        /* stop at the last whole-frame pass that fits; 0: none */
   uint32_t max_depth;         /* emission seen directly is 1, direct light 2; 0: 17 */
-  uint32_t tile_size;         /* edge of the square work unit in pixels; 0: the library's choice; changes no bits */
+  uint32_t tile_size;         /* edge of the square work unit in pixels; 0: the library's choice; at most 128; changes no bits */
   gpurt_progress_fn progress; /* NULL: none */
   void *progress_user;
 } gpurt_render_desc;
@@ -678,7 +678,7 @@ GPURT_API gpurt_result gpurt_job_release(gpurt_job job);
  *  @param data        Room for the output's shape as gpurt_output states it, top row first.
  *  @param size_bytes  Size of data; must match exactly.
  *
- *  Pixels without samples are 0. May be called while a job runs: whole samples are seen.
+ *  Pixels without samples are 0, their ids GPURT_INVALID_ID. May be called while a job runs: whole samples are seen.
  *  Errors: INVALID_ARGUMENT, also for an output that the frame was not created with.
  */
 GPURT_API gpurt_result gpurt_frame_read(gpurt_frame frame, gpurt_output output, void *data, uint64_t size_bytes);
