@@ -109,8 +109,9 @@ GPURT_HD inline bool sample_light(const SceneView &scene, Vec3f p, Vec3f n, floa
       if (!(cos_light > 0.0f) || !(twice_area > 0.0f) || !(distance2 > 0.0f)) return false;
       s.pdf = probability * distance2 / (0.5f * twice_area * cos_light);
       s.radiance = light.color;
-      // End in front of the lamp by its rounding error, so that it does not shadow itself.
-      s.target = offset_origin(q, error, normal, -s.wi);
+      // End in front of the lamp by its rounding error and that of a distance measured along the ray, in float, so that
+      // the lamp does not shadow itself.
+      s.target = offset_origin(q, error + abs(to_light) * error_gamma(8), normal, -s.wi);
       s.is_delta = false;
       return is_finite(s.pdf);
     }

@@ -52,6 +52,11 @@ struct PathWave {
   uint8_t *occluded;      // of shadow_queue
 };
 
+// A ray that leaves a surface starts beyond its own surface, or on it where coordinates are exact, as on the plane y = 0:
+// t = 0 is no hit. A ray to a lamp ends short of t = 1, which is the lamp.
+constexpr float leaving_tmin = 0x1p-149f;
+constexpr float shadow_tmax = 1.0f - 0x1p-24f;
+
 GPURT_FUNCTIONS_BEGIN
 
 // Pairs of sample dimensions: one for the pixel, then these for every step.
@@ -171,9 +176,9 @@ struct ShadePathVertex {
     const float weight = light.is_delta ? 1.0f : power_heuristic(light.pdf, bsdf_pdf);
     Ray ray;
     ray.origin = offset_origin(surface.position, surface.position_error, surface.geometric_normal, light.wi);
-    ray.tmin = 0.0f;
+    ray.tmin = leaving_tmin;
     ray.direction = light.at_infinity ? light.target : light.target - ray.origin;
-    ray.tmax = light.at_infinity ? infinity : 1.0f;
+    ray.tmax = light.at_infinity ? infinity : shadow_tmax;
     wave.shadows.rays[i] = ray;
     wave.shadows.contributions[i] = path.throughput * f * light.radiance * (weight / light.pdf);
   }
@@ -197,7 +202,8 @@ struct ShadePathVertex {
     path.pdf = next.pdf;
     path.position = surface.position;
     path.normal = normal;
-    wave.next_rays.rays[i] = {offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi), 0.0f, wi,
+    wave.next_rays.rays[i] = {offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi),
+                              leaving_tmin, wi,
                               infinity};
   }
 };
