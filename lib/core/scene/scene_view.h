@@ -19,7 +19,7 @@ struct Segment {
   uint32_t geometry;      // public id
   uint32_t instance;      // public id; invalid_id: shared geometry, see the placement
   uint32_t first_light;   // of its triangles, primitive by primitive; invalid_id: not a lamp, or shared
-  uint32_t reserved;
+  uint32_t flips;           // 1: baked by a transform that mirrors; the 2nd and 3rd corner are exchanged, and so u and v
 };
 
 struct Group {

@@ -1,0 +1,310 @@
+#include <cmath>
+#include <limits>
+
+#include "error.h"
+#include "scene/compiled_scene.h"
+#include "scene/environment_table.h"
+#include "scene/light_tree.h"
+#include "scene/parallel.h"
+#include "scene/patches.h"
+#include "scene/scene_hash.h"
+#include "scene/store_geometry.h"
+#include "scene/trigonometry.h"
+
+namespace gpurt {
+namespace {
+
+// Everything that counts vertices or triangles of the whole scene is a uint32_t whose last value means none.
+constexpr uint64_t max_elements = invalid_id;
+
+// Where a geometry of the description is stored: in world space for its one instance, or as a group of its own.
+struct Plan {
+  uint32_t geometry;
+  uint32_t instance;  // invalid_id: shared
+};
+
+class Compiler {
+ public:
+  Compiler(const SceneData &scene, float patch_tolerance) : in_(scene), patch_tolerance_(patch_tolerance) {}
+
+  CompiledScene run()
+  {
+    copy_descriptions();
+    const std::vector<Plan> plans = plan();
+    allocate(plans);
+    for (size_t i = 0; i < plans.size(); ++i) store(plans[i], out_.segments[i]);
+    sources_.clear();
+    make_groups();
+    place();
+    collect_lights();
+    build_light_tree(out_);
+    compile_environment(in_.environment, out_);
+    out_.hash = hash_scene(out_);
+    return std::move(out_);
+  }
+
+ private:
+  void copy_descriptions()
+  {
+    out_.materials = in_.materials;
+    out_.cameras = in_.cameras;
+    for (const TextureData &t : in_.textures) {
+      out_.textures.push_back({t.texels->data(), t.width, t.height, t.format, t.wrap_u, t.wrap_v, t.nearest ? 1u : 0u});
+      out_.texture_data.push_back(t.texels);
+    }
+  }
+
+  // Geometries that are placed once, by instance; then shared ones, by geometry. What is not placed is not stored.
+  std::vector<Plan> plan()
+  {
+    std::vector<uint32_t> uses(in_.geometries.size());
+    for (const InstanceData &instance : in_.instances) uses[instance.geometry]++;
+    std::vector<Plan> plans;
+    for (size_t i = 0; i < in_.instances.size(); ++i) {
+      if (uses[in_.instances[i].geometry] == 1) plans.push_back({in_.instances[i].geometry, uint32_t(i)});
+    }
+    num_baked_ = plans.size();
+    for (size_t g = 0; g < uses.size(); ++g) {
+      if (uses[g] > 1) plans.push_back({uint32_t(g), invalid_id});
+    }
+    return plans;
+  }
+
+  // Fixes the place of every segment in the arrays.
+  void allocate(const std::vector<Plan> &plans)
+  {
+    uint64_t vertices = 0, triangles = 0, normals = 0, uvs = 0;
+    for (const Plan &p : plans) {
+      const GeometryData &geometry = in_.geometries[p.geometry];
+      const uint32_t rate = geometry.kind == GeometryKind::Patches ? patch_rate(p.geometry) : 1;
+      auto source = make_source(geometry, rate);
+      Segment s{};
+      s.first_triangle = uint32_t(triangles);
+      s.num_triangles = uint32_t(source->num_triangles());
+      s.first_vertex = uint32_t(vertices);
+      s.first_normal = source->has_normals() ? uint32_t(normals) : invalid_id;
+      s.first_uv = source->has_uvs() ? uint32_t(uvs) : invalid_id;
+      s.material = geometry.material;
+      s.geometry = p.geometry;
+      s.instance = p.instance;
+      s.first_light = invalid_id;
+      s.flips = p.instance != invalid_id && determinant(in_.instances[p.instance].transform_double) < 0 ? 1 : 0;
+      vertices += source->num_vertices();
+      triangles += source->num_triangles();
+      normals += source->has_normals() ? source->num_vertices() : 0;
+      uvs += source->has_uvs() ? source->num_vertices() : 0;
+      if (vertices >= max_elements || triangles >= max_elements) {
+        fail_invalid("the scene has more than 2^32 - 2 stored vertices or triangles with geometry {}; split the scene, or share geometries among instances",
+                     p.geometry);
+      }
+      out_.segments.push_back(s);
+      out_.has_alpha_masks |= in_.materials[s.material].alpha_cutoff > 0;
+      if (geometry.kind == GeometryKind::Patches) out_.num_patches += geometry.patches.control_points.size() / 16;
+      sources_.push_back(std::move(source));
+    }
+    out_.positions.resize(vertices);
+    out_.indices.resize(triangles);
+    out_.triangle_segment.resize(triangles);
+    out_.normals.resize(normals);
+    out_.uvs.resize(uvs);
+  }
+
+  uint32_t patch_rate(uint32_t geometry) const
+  {
+    try {
+      return tessellation_rate(in_.geometries[geometry].patches, patch_tolerance_);
+    } catch (const Error &e) {
+      fail(e.result(), "geometry {}: {}", geometry, e.what());
+    }
+  }
+
+  void store(const Plan &p, const Segment &s)
+  {
+    const uint32_t index = uint32_t(&s - out_.segments.data());
+    const GeometrySource &source = *sources_[index];
+    const bool is_baked = p.instance != invalid_id;
+    const AffineDouble transform = is_baked ? in_.instances[p.instance].transform_double : identity_affine;
+    Vec3f *positions = out_.positions.data() + s.first_vertex;
+    source.store_triangles(out_.indices.data() + s.first_triangle, s.first_vertex, s.flips != 0);
+    source.store_positions(positions, is_baked ? &transform : nullptr);
+    if (s.first_normal != invalid_id) {
+      const AffineDouble inverted = inverse(transform);
+      source.store_normals(out_.normals.data() + s.first_normal, is_baked ? &inverted : nullptr);
+    }
+    if (s.first_uv != invalid_id) source.store_uvs(out_.uvs.data() + s.first_uv);
+    std::fill_n(out_.triangle_segment.begin() + s.first_triangle, s.num_triangles, index);
+    const uint64_t bad = find_first(source.num_vertices(), [&](uint64_t i) { return !is_finite(positions[i]); });
+    if (bad != source.num_vertices()) {
+      fail_invalid("instance {} moves vertex {} of geometry {} beyond the range of 32-bit floats; make its transform smaller",
+                   p.instance, bad, p.geometry);
+    }
+  }
+
+  Box bounds_of_triangles(uint64_t first, uint64_t count) const
+  {
+    return union_of_boxes(count, [&](uint64_t i) {
+      const UInt3 c = out_.indices[first + i];
+      const Vec3f p = out_.positions[c.x];
+      return extend(extend(Box{p, p}, out_.positions[c.y]), out_.positions[c.z]);
+    });
+  }
+
+  void make_groups()
+  {
+    const uint64_t num_triangles = out_.indices.size();
+    const uint64_t num_baked = num_baked_ < out_.segments.size() ? out_.segments[num_baked_].first_triangle : num_triangles;
+    out_.groups.push_back({0, uint32_t(num_baked), bounds_of_triangles(0, num_baked)});
+    out_.group_geometry.push_back(invalid_id);
+    for (size_t i = num_baked_; i < out_.segments.size(); ++i) {
+      const Segment &s = out_.segments[i];
+      out_.groups.push_back({s.first_triangle, s.num_triangles, bounds_of_triangles(s.first_triangle, s.num_triangles)});
+      out_.group_geometry.push_back(s.geometry);
+    }
+    out_.bounds = out_.groups[0].bounds;
+  }
+
+  void place()
+  {
+    std::vector<uint32_t> group_of(in_.geometries.size(), invalid_id);
+    for (size_t g = 1; g < out_.groups.size(); ++g) group_of[out_.group_geometry[g]] = uint32_t(g);
+    for (size_t i = 0; i < in_.instances.size(); ++i) {
+      const InstanceData &instance = in_.instances[i];
+      const uint32_t group = group_of[instance.geometry];
+      if (group == invalid_id || out_.groups[group].num_triangles == 0) continue;
+      const AffineDouble &t = instance.transform_double;
+      Placement p{};
+      p.object_to_world = to_float(t);
+      p.world_to_object = to_float(inverse(t));
+      // Around what either transform makes of the box: the exact one, and the one that kernels see.
+      p.bounds = extend(transform_box(t, out_.groups[group].bounds),
+                        transform_box(to_double(p.object_to_world), out_.groups[group].bounds));
+      p.group = group;
+      p.instance = uint32_t(i);
+      p.first_light = invalid_id;
+      p.flips = determinant(t) < 0 ? 1 : 0;
+      if (!is_finite(p.bounds.lo) || !is_finite(p.bounds.hi)) {
+        fail_invalid("instance {} moves geometry {} beyond the range of 32-bit floats; make its transform smaller", i,
+                     instance.geometry);
+      }
+      out_.bounds = extend(out_.bounds, p.bounds);
+      out_.placements.push_back(p);
+    }
+  }
+
+  // Lamps triangle by triangle, then points and spots, then distant lights.
+  void collect_lights()
+  {
+    for (size_t i = 0; i < num_baked_; ++i) {
+      Segment &s = out_.segments[i];
+      add_lamp(s, invalid_id, s.first_light);
+    }
+    for (size_t i = 0; i < out_.placements.size(); ++i) {
+      Placement &p = out_.placements[i];
+      add_lamp(out_.segments[num_baked_ + p.group - 1], uint32_t(i), p.first_light);
+    }
+    for (const PointLightData &l : in_.lights) {
+      if (l.type != LightType::Distant) out_.lights.push_back(make_light(l));
+    }
+    out_.num_tree_lights = uint32_t(out_.lights.size());
+    for (const PointLightData &l : in_.lights) {
+      if (l.type == LightType::Distant) out_.lights.push_back(make_light(l));
+    }
+    out_.num_distant_lights = uint32_t(out_.lights.size() - out_.num_tree_lights);
+  }
+
+  void add_lamp(const Segment &s, uint32_t placement, uint32_t &first_light)
+  {
+    const Material &m = out_.materials[s.material];
+    if (max_component(m.emission) <= 0 || s.num_triangles == 0) return;
+    // The tree has twice as many nodes as lights.
+    if (out_.lights.size() + s.num_triangles + in_.lights.size() >= max_elements / 2) {
+      fail_invalid("the scene has more than 2^31 lamp triangles with geometry {}; make fewer of its triangles emit",
+                   s.geometry);
+    }
+    first_light = uint32_t(out_.lights.size());
+    for (uint32_t t = 0; t < s.num_triangles; ++t) {
+      Light light{};
+      light.type = LightType::Triangle;
+      light.triangle = s.first_triangle + t;
+      light.placement = placement;
+      light.two_sided = m.two_sided_emission;
+      light.color = m.emission;
+      out_.lights.push_back(light);
+    }
+  }
+
+  static Light make_light(const PointLightData &l)
+  {
+    Light light{};
+    light.type = l.type;
+    light.triangle = light.placement = invalid_id;
+    light.color = l.color;
+    light.position = l.position;
+    light.direction = l.direction;
+    if (l.type == LightType::Spot) {
+      light.cos_inner = float(cosine(l.inner_cone_angle_rad));
+      light.cos_outer = float(cosine(l.outer_cone_angle_rad));
+    }
+    return light;
+  }
+
+  const SceneData &in_;
+  const float patch_tolerance_;
+  CompiledScene out_;
+  std::vector<std::unique_ptr<GeometrySource>> sources_;
+  size_t num_baked_ = 0;  // segments of group 0
+};
+
+}  // namespace
+
+CompiledScene compile_scene(const SceneData &scene, float patch_tolerance)
+{
+  if (!(patch_tolerance >= 0) || !std::isfinite(patch_tolerance)) {
+    fail_invalid("patch_tolerance is {}; it must be a finite number of metres, or 0 for the default", patch_tolerance);
+  }
+  return Compiler(scene, patch_tolerance).run();
+}
+
+SceneView CompiledScene::view() const
+{
+  SceneView v{};
+  v.positions = positions.data();
+  v.indices = indices.data();
+  v.triangle_segment = triangle_segment.data();
+  v.normals = normals.data();
+  v.uvs = uvs.data();
+  v.segments = segments.data();
+  v.groups = groups.data();
+  v.placements = placements.data();
+  v.materials = materials.data();
+  v.textures = textures.data();
+  v.lights = lights.data();
+  v.light_nodes = light_nodes.data();
+  v.environment = environment;
+  v.environment.row_cdf = environment_rows.empty() ? nullptr : environment_rows.data();
+  v.environment.column_cdf = environment_columns.empty() ? nullptr : environment_columns.data();
+  v.bounds = bounds;
+  v.num_triangles = indices.size();
+  v.num_groups = uint32_t(groups.size());
+  v.num_placements = uint32_t(placements.size());
+  v.num_segments = uint32_t(segments.size());
+  v.num_materials = uint32_t(materials.size());
+  v.num_tree_lights = num_tree_lights;
+  v.num_distant_lights = num_distant_lights;
+  v.num_light_nodes = uint32_t(light_nodes.size());
+  v.has_alpha_masks = has_alpha_masks ? 1 : 0;
+  return v;
+}
+
+uint64_t CompiledScene::bytes() const
+{
+  const auto size = [](const auto &v) { return uint64_t(v.capacity()) * sizeof(v[0]); };
+  uint64_t sum = size(positions) + size(indices) + size(triangle_segment) + size(normals) + size(uvs) + size(segments) +
+                 size(groups) + size(group_geometry) + size(placements) + size(materials) + size(textures) +
+                 size(texture_data) + size(lights) + size(light_nodes) + size(environment_rows) +
+                 size(environment_columns) + size(cameras);
+  for (const auto &texels : texture_data) sum += texels->size();
+  return sum;
+}
+
+}  // namespace gpurt
