@@ -78,12 +78,9 @@ GPURT_HD inline SurfaceHit surface_at(const SceneView &scene, const Hit &hit)
       set(s.position_error, i, spread * (1.0f + error_gamma(4)) + size * error_gamma(4));
     }
     s.position = transform_point(m, q);
+    // The inverse transpose keeps a normal on the image of its side, also where the transform mirrors.
     n = transform_normal(p.world_to_object, n);
     shading = transform_normal(p.world_to_object, shading);
-    if (p.flips) {
-      n = -n;
-      if (segment.first_normal == invalid_id) shading = -shading;
-    }
     if (p.first_light != invalid_id) s.light = p.first_light + (hit.triangle - segment.first_triangle);
   }
   // Products of edges can leave the float range at extreme scales: bring the largest component to 1 first.
