@@ -100,7 +100,7 @@ TEST(Sobol, IsAZeroTwoSequenceForEveryKeyAndPair)
           const uint32_t nx = 1u << log_x, ny = n / nx;
           std::vector<int> count(n, 0);
           for (uint32_t i = 0; i < n; ++i) {
-            const Vec2f p = sample_2d({seed, i}, pair);
+            const Vec2f p = sample_2d({seed, reverse_bits(i)}, pair);
             ASSERT_TRUE(p.x >= 0 && p.x < 1 && p.y >= 0 && p.y < 1);
             count[uint32_t(p.x * nx) * ny + uint32_t(p.y * ny)]++;
           }
@@ -149,7 +149,7 @@ double chi_square(const Bsdf &bsdf, Vec3f wo, int &cells)
     }
   }
   for (int i = 0; i < n; ++i) {
-    const SampleKey key{mix_bits(uint32_t(i)), 0};
+    const SampleKey key{mix_bits(uint64_t(i)), 0};
     BsdfSample s;
     if (!sample_bsdf(bsdf, wo, 0.5f, sample_2d(key, 0), s)) continue;
     double phi = std::atan2(s.wi.y, s.wi.x);

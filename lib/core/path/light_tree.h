@@ -29,9 +29,16 @@ GPURT_INLINE float light_importance(const LightNode &node, Vec3f p, Vec3f n)
   const float distance2 = length2(to_light);
   // Within the bounding sphere every direction is possible.
   if (distance2 <= radius2 * 1.0001f) return node.power / max(radius2, 0x1p-100f);
-  const Vec3f w = to_light / sqrt(distance2);
-  const float sin2_u = radius2 / distance2;
-  const float sin_u = sqrt(sin2_u), cos_u = sqrt(1.0f - sin2_u);
+  const float inv_distance = 1.0f / sqrt(distance2);
+  const Vec3f w = to_light * inv_distance;
+  const float sin_u = sqrt(radius2) * inv_distance;
+  const float cos_u = safe_sqrt(1.0f - sin_u * sin_u);
+
+  const float cos_i = clamp(dot(n, w), -1.0f, 1.0f);
+  const float sin_i = safe_sqrt(1.0f - cos_i * cos_i);
+  const float cos_incidence = cos_sub_clamped(sin_i, cos_i, sin_u, cos_u);
+  // Here and below widened: rounding must not exclude a light that contributes.
+  if (cos_incidence < -1e-5f) return 0.0f;
 
   // The angle between the axis and the direction to p, less the spread of normals and of the box.
   float cos_w = -dot(node.axis, w);
@@ -42,14 +49,8 @@ GPURT_INLINE float light_importance(const LightNode &node, Vec3f p, Vec3f n)
   const float cos_x = cos_sub_clamped(sin_w, cos_w, sin_o, node.cos_theta);
   const float sin_x = sin_sub_clamped(sin_w, cos_w, sin_o, node.cos_theta);
   const float cos_emission = cos_sub_clamped(sin_x, cos_x, sin_u, cos_u);
-  // Widened: rounding must not exclude a light that contributes.
   if (cos_emission < node.cos_emit - 1e-5f) return 0.0f;
-
-  const float cos_i = clamp(dot(n, w), -1.0f, 1.0f);
-  const float sin_i = safe_sqrt(1.0f - cos_i * cos_i);
-  const float cos_incidence = cos_sub_clamped(sin_i, cos_i, sin_u, cos_u);
-  if (cos_incidence < -1e-5f) return 0.0f;
-  return node.power * max(cos_emission, 1e-3f) * max(cos_incidence, 1e-3f) / distance2;
+  return node.power * max(cos_emission, 1e-3f) * max(cos_incidence, 1e-3f) * (inv_distance * inv_distance);
 }
 
 // A leaf of the tree and the probability of its choice; invalid_id if no light can contribute.

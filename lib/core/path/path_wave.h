@@ -59,8 +59,9 @@ constexpr float shadow_tmax = 1.0f - 0x1p-24f;
 
 GPURT_FUNCTIONS_BEGIN
 
-// Pairs of sample dimensions: one for the pixel, then these for every step.
-enum PathDimension : uint32_t { dim_pixel = 0, dim_light_choice = 1, dim_light = 2, dim_bsdf = 3, dim_choice = 4, dims_per_step = 4 };
+// Pairs of sample dimensions: one for the pixel, then these for every step. `choice` picks the light, or what glass
+// does, and decides the roulette.
+enum PathDimension : uint32_t { dim_pixel = 0, dim_choice = 1, dim_light = 2, dim_bsdf = 3, dims_per_step = 3 };
 
 struct PathSample {
   uint32_t x, y;      // pixel
@@ -155,7 +156,7 @@ struct ShadePathVertex {
       const uint32_t pair = (depth - 1) * dims_per_step;
       const Vec2f choice = sample_2d(path.key, pair + dim_choice);
       if (!is_delta(bsdf)) {
-        direct_light(i, surface, bsdf, normal, s, t, wo, sample_2d(path.key, pair + dim_light_choice).x,
+        direct_light(i, surface, bsdf, normal, s, t, wo, choice.x,
                      sample_2d(path.key, pair + dim_light), path);
       }
       continue_path(i, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf), path);

@@ -12,23 +12,22 @@ namespace gpurt {
 
 // A point set: one pixel's samples of one half of the film.
 struct SampleKey {
-  uint32_t seed;   // hash of everything but sample and dimension
-  uint32_t index;  // of the point in its sequence
+  uint64_t seed;             // hash of everything but sample and dimension
+  uint32_t reversed_index;   // of the point in its sequence, its bits reversed
 };
 
 GPURT_FUNCTIONS_BEGIN
 
-// A bijective mix of 32 bits. Source: Wellons 2018, hash prospector (lowbias32).
-GPURT_INLINE uint32_t mix_bits(uint32_t x)
+// A bijective mix of 64 bits. Source: Steele, Lea and Flood 2014 (SplitMix64's finaliser, Stafford's variant 13).
+GPURT_INLINE uint64_t mix_bits(uint64_t x)
 {
-  x ^= x >> 16;
-  x *= 0x7feb352du;
-  x ^= x >> 15;
-  x *= 0x846ca68bu;
-  x ^= x >> 16;
+  x ^= x >> 30;
+  x *= 0xbf58476d1ce4e5b9u;
+  x ^= x >> 27;
+  x *= 0x94d049bb133111ebu;
+  x ^= x >> 31;
   return x;
 }
-GPURT_INLINE uint32_t hash(uint32_t a, uint32_t b) { return mix_bits(b + 0x9e3779b9u + mix_bits(a ^ 0x85ebca6bu)); }
 
 // Owen scramble of a number whose bits are reversed: each bit flips depending on the lower ones.
 GPURT_INLINE uint32_t scramble_reversed(uint32_t x, uint32_t seed)
@@ -54,26 +53,25 @@ GPURT_INLINE uint32_t sobol_second_reversed(uint32_t index)
 
 GPURT_INLINE float unit_float(uint32_t bits) { return float(bits >> 8) * 0x1p-24f; }  // in [0, 1)
 
-// Samples of even and odd index have independent sequences, so that the film's two halves are independent.
+// Samples of even and odd index have independent sequences, so that the film's two halves are independent. x and y are
+// below 2^16.
 GPURT_INLINE SampleKey sample_key(uint64_t seed, uint32_t frame, uint32_t x, uint32_t y, uint64_t sample)
 {
-  uint32_t h = hash(uint32_t(seed), uint32_t(seed >> 32));
-  h = hash(h, frame);
-  h = hash(h, x);
-  h = hash(h, y);
-  h = hash(h, uint32_t(sample & 1));
   const uint64_t index = sample >> 1;
-  h = hash(h, uint32_t(index >> 32));  // past 2^32 points a new sequence begins
-  return {h, uint32_t(index)};
+  // Past 2^32 points a new sequence begins.
+  const uint64_t sequence = (index >> 32) << 33 | (sample & 1) << 32 | uint64_t(y) << 16 | x;
+  const uint64_t film = mix_bits(seed + 0x9e3779b97f4a7c15u * (uint64_t(frame) + 1));
+  return {mix_bits(film ^ sequence), reverse_bits(uint32_t(index))};
 }
 
 // Two coordinates in [0, 1) of the point, for the given pair of dimensions.
 GPURT_INLINE Vec2f sample_2d(SampleKey key, uint32_t pair)
 {
-  const uint32_t seed = hash(key.seed, pair);
-  const uint32_t index = reverse_bits(scramble_reversed(reverse_bits(key.index), seed));
-  const uint32_t x = reverse_bits(scramble_reversed(index, mix_bits(seed ^ 0x68bc21ebu)));
-  const uint32_t y = reverse_bits(scramble_reversed(sobol_second_reversed(index), mix_bits(seed ^ 0x02e5be93u)));
+  const uint64_t seed = mix_bits(key.seed + 0x9e3779b97f4a7c15u * (uint64_t(pair) + 1));
+  const uint32_t low = uint32_t(seed), high = uint32_t(seed >> 32);
+  const uint32_t index = reverse_bits(scramble_reversed(key.reversed_index, low));
+  const uint32_t x = reverse_bits(scramble_reversed(index, high));
+  const uint32_t y = reverse_bits(scramble_reversed(sobol_second_reversed(index), (low ^ high) * 0x9e3779b1u));
   return {unit_float(x), unit_float(y)};
 }
 

@@ -61,10 +61,14 @@ GPURT_HD inline SurfaceHit surface_at(const SceneView &scene, const Hit &hit)
   s.position_error = (abs(a * w) + abs(b * hit.u) + abs(c * hit.v)) * error_gamma(7);
   Vec3f n = cross(b - a, c - a);
   Vec3f shading = n;
+  bool is_flat = true;
   if (segment.first_normal != invalid_id) {
     const Vec3f *normals = scene.normals + segment.first_normal - segment.first_vertex;
     const Vec3f m = normals[corner.x] * w + normals[corner.y] * hit.u + normals[corner.z] * hit.v;
-    if (length2(m) > 0.0f) shading = m;
+    if (length2(m) > 0.0f) {
+      shading = m;
+      is_flat = false;
+    }
   }
   s.light = invalid_id;
   if (segment.first_light != invalid_id) s.light = segment.first_light + (hit.triangle - segment.first_triangle);
@@ -78,14 +82,13 @@ GPURT_HD inline SurfaceHit surface_at(const SceneView &scene, const Hit &hit)
       set(s.position_error, i, spread * (1.0f + error_gamma(4)) + size * error_gamma(4));
     }
     s.position = transform_point(m, q);
-    // The inverse transpose keeps a normal on the image of its side, also where the transform mirrors.
+    // The inverse transpose keeps the front outside also where the transform mirrors, as glTF wants it.
     n = transform_normal(p.world_to_object, n);
-    shading = transform_normal(p.world_to_object, shading);
+    if (!is_flat) shading = transform_normal(p.world_to_object, shading);
     if (p.first_light != invalid_id) s.light = p.first_light + (hit.triangle - segment.first_triangle);
   }
-  // Products of edges can leave the float range at extreme scales: bring the largest component to 1 first.
-  s.geometric_normal = normalize(n / max_component(abs(n)));
-  s.shading_normal = normalize(shading / max_component(abs(shading)));
+  s.geometric_normal = normalize_any_scale(n);
+  s.shading_normal = is_flat ? s.geometric_normal : normalize_any_scale(shading);
   s.uv = interpolate_uv(scene, segment, corner, hit.u, hit.v);
   s.material = segment.material;
   return s;
