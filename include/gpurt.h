@@ -279,7 +279,7 @@ typedef struct gpurt_mesh_desc {
   uint32_t material;    /* 0: white Lambertian */
   gpurt_array vertices; /* float32 [n][3], metres, object space */
   gpurt_array indices;  /* uint32 [m][3], each < n; no array: vertices form triangles three by three */
-  gpurt_array normals;  /* float32 [n][3], need not be unit length; no array: flat */
+  gpurt_array normals;  /* float32 [n][3], of any length; zero: that of the faces around; no array: flat */
   gpurt_array uvs;      /* float32 [n][2]; no array: (0, 0) */
 } gpurt_mesh_desc;
 #define GPURT_MESH_DESC_INIT \
@@ -299,7 +299,13 @@ typedef struct gpurt_patches_desc {
 } gpurt_patches_desc;
 #define GPURT_PATCHES_DESC_INIT {sizeof(gpurt_patches_desc), 0, {NULL, NULL, 0, 0, 0}}
 
-/** Adds bicubic Bezier patches. For rays they are tessellated at commit, to gpurt_build_desc.patch_tolerance. */
+/** Adds bicubic Bezier patches. For rays they are tessellated at commit, to gpurt_build_desc.patch_tolerance.
+ *
+ *  Each patch becomes n x n cells of two triangles, n being one number for the geometry, so that neighbours that share
+ *  boundary points leave no cracks. The primitive of a hit is a triangle of these: its patch is primitive / (2 n^2).
+ *  Errors: INVALID_ARGUMENT naming the first control point that is not finite; at commit, for a tolerance that takes
+ *  more than 2^28 triangles.
+ */
 GPURT_API gpurt_result gpurt_scene_add_patches(gpurt_scene scene, const gpurt_patches_desc *desc,
                                                uint32_t *out_geometry);
 
