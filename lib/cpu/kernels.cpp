@@ -8,17 +8,20 @@ namespace gpurt {
 #if defined(GPURT_HAVE_ISA_x86_64)
 inline namespace x86_64 {
 extern const KdBuildKernels build_kernels;
-}
+const TraceKernels &trace_kernels(TriangleTest test, bool masks, bool placements);
+}  // namespace x86_64
 #endif
 #if defined(GPURT_HAVE_ISA_x86_64_v3)
 namespace x86_64_v3 {
 extern const KdBuildKernels build_kernels;
-}
+const TraceKernels &trace_kernels(TriangleTest test, bool masks, bool placements);
+}  // namespace x86_64_v3
 #endif
 #if defined(GPURT_HAVE_ISA_generic)
 inline namespace generic {
 extern const KdBuildKernels build_kernels;
-}
+const TraceKernels &trace_kernels(TriangleTest test, bool masks, bool placements);
+}  // namespace generic
 #endif
 
 namespace {
@@ -42,13 +45,13 @@ const Variant *variants(size_t &count)
 {
   static const Variant list[] = {
 #if defined(GPURT_HAVE_ISA_generic)
-    {{"generic", generic::build_kernels}, always},
+    {{"generic", generic::build_kernels, generic::trace_kernels}, always},
 #endif
 #if defined(GPURT_HAVE_ISA_x86_64)
-    {{"x86_64", x86_64::build_kernels}, always},
+    {{"x86_64", x86_64::build_kernels, x86_64::trace_kernels}, always},
 #endif
 #if defined(GPURT_HAVE_ISA_x86_64_v3)
-    {{"x86_64_v3", x86_64_v3::build_kernels}, has_x86_64_v3},
+    {{"x86_64_v3", x86_64_v3::build_kernels, x86_64_v3::trace_kernels}, has_x86_64_v3},
 #endif
   };
   count = sizeof list / sizeof list[0];

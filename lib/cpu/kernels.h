@@ -1,7 +1,7 @@
 // The hot loops that are compiled once per instruction set, and the choice between them at run time.
 #pragma once
 
-#include "core/math/vec.h"
+#include "core/accel/ray.h"
 
 namespace gpurt {
 
@@ -9,6 +9,7 @@ struct KdReference;
 struct KdSplit;
 struct KdCost;
 struct KdBins;
+struct TraceKernels;
 
 // The exact best split of up to this many references is found by counting for every candidate plane.
 constexpr uint32_t kd_small_count = 64;
@@ -24,6 +25,7 @@ struct KdBuildKernels {
 struct CpuKernels {
   const char *isa;
   KdBuildKernels build;
+  const TraceKernels &(*trace)(TriangleTest test, bool masks, bool placements);
 };
 
 /// The variant for this machine: the best one that it can run, unless GPURT_ISA names another that exists.

@@ -115,14 +115,17 @@ GPURT_HD inline bool trace_group(const Accel &accel, uint32_t group, const Trace
   make_triangle_ray(ray, triangle_ray);
   float limit = exponent == 0 ? visitor.limit : scale_by_power(visitor.limit, exponent);
   bool is_done = false;
+  // The triangle that the visitor saw last: met again in the next leaf, it would meet with the same answer.
+  uint32_t known = invalid_id;
   const auto on_hit = [&](uint32_t triangle, TriangleHit hit) {
     if (exponent != 0) hit.t = scale_by_power(hit.t, -exponent);
+    known = triangle;
     is_done = visitor(triangle, placement, hit);
     limit = exponent == 0 ? visitor.limit : scale_by_power(visitor.limit, exponent);
     return is_done;
   };
   traverse_kd(group_tree(accel, group), ray, limit, [&](uint32_t first, uint32_t count) {
-    return test_leaf<Rule>(accel, group, first, count, triangle_ray, ray.tmin, limit, on_hit);
+    return test_leaf<Rule>(accel, group, first, count, triangle_ray, ray.tmin, limit, known, on_hit);
   });
   return is_done;
 }

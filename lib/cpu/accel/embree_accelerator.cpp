@@ -1,0 +1,403 @@
+// Embree behind the accelerator interface. It promises no leak and t within its error bound, not our bits: ids at shared
+// edges and at equal distances come as Embree finds them.
+#include <tbb/task_group.h>
+
+#include <algorithm>
+#include <mutex>
+
+#include "core/accel/trace.h"
+#include "cpu/accel/accelerator.h"
+#include "cpu/accel/embree_api.h"
+#include "cpu/accel/tracked_array.h"
+
+namespace gpurt {
+namespace {
+
+struct ReleaseDevice {
+  void operator()(RTCDevice d) const { rtcReleaseDevice(d); }
+};
+struct ReleaseScene {
+  void operator()(RTCScene s) const { rtcReleaseScene(s); }
+};
+struct ReleaseGeometry {
+  void operator()(RTCGeometry g) const { rtcReleaseGeometry(g); }
+};
+using Device = std::unique_ptr<RTCDeviceTy, ReleaseDevice>;
+using Scene = std::unique_ptr<RTCSceneTy, ReleaseScene>;
+using Geometry = std::unique_ptr<RTCGeometryTy, ReleaseGeometry>;
+
+// Consecutive triangles of a group that are all opaque or all masked: one Embree geometry, whose ids count from 0.
+struct Run {
+  const SceneView *scene;  // for the filter
+  uint32_t first_triangle;
+  uint32_t num_triangles;
+  bool is_masked;
+};
+
+// What CpuAccel::impl points to.
+struct EmbreeView {
+  RTCScene scene;
+  SceneView view;
+  // By geometry id: first the runs of group 0, then the placements.
+  const uint32_t *world_runs;  // first triangles
+  uint32_t num_world_runs;
+  const uint32_t *const *group_runs;  // [group]: first triangles of its runs
+};
+
+Hit hit_from(const EmbreeView &v, const RTCHit &hit, float t)
+{
+  if (hit.instID[0] == RTC_INVALID_GEOMETRY_ID) {
+    return {t, hit.u, hit.v, v.world_runs[hit.geomID] + hit.primID, invalid_id};
+  }
+  const uint32_t placement = hit.instID[0] - v.num_world_runs;
+  return {t, hit.u, hit.v, v.group_runs[v.view.placements[placement].group][hit.geomID] + hit.primID,
+          placement};
+}
+
+// Embree wants tnear >= 0: a ray that begins behind its origin is moved there. Returns how far.
+float move_origin(const EmbreeView &v, TraceRay &ray)
+{
+  if (ray.tmin >= 0.0f) return 0.0f;
+  // Not further than the scene reaches: tmin may be infinite.
+  const Vec3f below = v.view.bounds.lo - ray.origin, above = v.view.bounds.hi - ray.origin;
+  const float reach = max(max_component(abs(below)), max_component(abs(above)));
+  const float t = max(ray.tmin, -2.0f * reach / abs(at(ray.direction, ray.main_axis)));
+  ray.origin = ray.origin + ray.direction * t;
+  ray.tmin = ray.tmin == t ? 0.0f : max(ray.tmin - t, 0.0f);
+  ray.tmax = ray.tmax - t;
+  return t;
+}
+
+void set_ray(const TraceRay &r, RTCRay &ray)
+{
+  ray.org_x = r.origin.x;
+  ray.org_y = r.origin.y;
+  ray.org_z = r.origin.z;
+  ray.tnear = r.tmin;
+  ray.dir_x = r.direction.x;
+  ray.dir_y = r.direction.y;
+  ray.dir_z = r.direction.z;
+  ray.time = 0.0f;
+  ray.tfar = r.tmax;
+  ray.mask = 0xffffffffu;
+  ray.id = 0;
+  ray.flags = 0;
+}
+
+void closest(const CpuAccel &accel, const Ray *rays, Hit *hits, uint32_t n)
+{
+  const EmbreeView &v = *static_cast<const EmbreeView *>(accel.impl);
+  for (uint32_t i = 0; i < n; ++i) {
+    hits[i] = {rays[i].tmax, 0.0f, 0.0f, invalid_id, invalid_id};
+    TraceRay r;
+    if (!prepare_ray(rays[i].origin, rays[i].direction, rays[i].tmin, rays[i].tmax, r)) continue;
+    const float moved = move_origin(v, r);
+    RTCRayHit query;
+    set_ray(r, query.ray);
+    query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+    embree::intersect(v.scene, query);
+    if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) continue;
+    hits[i] = hit_from(v, query.hit, caller_t(r, query.ray.tfar + moved));
+  }
+}
+
+void occluded(const CpuAccel &accel, const Ray *rays, uint8_t *occluded, uint32_t n)
+{
+  const EmbreeView &v = *static_cast<const EmbreeView *>(accel.impl);
+  for (uint32_t i = 0; i < n; ++i) {
+    occluded[i] = 0;
+    TraceRay r;
+    if (!prepare_ray(rays[i].origin, rays[i].direction, rays[i].tmin, rays[i].tmax, r)) continue;
+    move_origin(v, r);
+    RTCRay ray;
+    set_ray(r, ray);
+    embree::occluded(v.scene, ray);
+    occluded[i] = ray.tfar < 0.0f;
+  }
+}
+
+// Rejects hits in the holes of alpha masks.
+void filter_holes(const RTCFilterFunctionNArguments *args)
+{
+  const Run &run = *static_cast<const Run *>(args->geometryUserPtr);
+  for (unsigned i = 0; i < args->N; ++i) {
+    if (args->valid[i] == 0) continue;
+    const uint32_t primitive = RTCHitN_primID(args->hit, args->N, i);
+    const float u = RTCHitN_u(args->hit, args->N, i), v = RTCHitN_v(args->hit, args->N, i);
+    if (is_hole(*run.scene, run.first_triangle + primitive, u, v)) args->valid[i] = 0;
+  }
+}
+
+// Collects crossings: Embree proposes triangles, our half-open test decides, so that a ray through an edge of a closed
+// surface crosses it once.
+struct AllQuery : embree::FilteredQuery {
+  const EmbreeView *view;
+  const TraceRay *ray;
+  TriangleRay<TriangleTest::Watertight> world_ray;
+  void *user;
+  void (*sink)(void *, const Hit &);
+
+  void visit(const Hit &proposed) const
+  {
+    const SceneView &scene = view->view;
+    TraceRay object_ray = *ray;
+    TriangleRay<TriangleTest::Watertight> r = world_ray;
+    if (proposed.placement != invalid_id) {
+      const Transform &m = scene.placements[proposed.placement].world_to_object;
+      if (!prepare_ray(transform_point(m, ray->origin), transform_vector(m, ray->direction), ray->tmin,
+                       ray->tmax, object_ray)) {
+        return;
+      }
+      make_triangle_ray(object_ray, r);
+    }
+    const UInt3 corner = scene.indices[proposed.triangle];
+    TriangleHit h;
+    if (!intersect<EdgeRule::HalfOpen>(r, scene.positions[corner.x], scene.positions[corner.y],
+                                       scene.positions[corner.z], object_ray.tmin, object_ray.tmax, h)) {
+      return;
+    }
+    if (proposed.placement != invalid_id && object_ray.exponent != 0)
+      h.t = scale_by_power(h.t, -object_ray.exponent);
+    if (scene.has_alpha_masks && is_hole(scene, proposed.triangle, h.u, h.v)) return;
+    sink(user, {caller_t(*ray, h.t), h.u, h.v, proposed.triangle, proposed.placement});
+  }
+};
+
+void filter_all(const RTCFilterFunctionNArguments *args)
+{
+  const auto &query = *reinterpret_cast<const AllQuery *>(args->context);
+  for (unsigned i = 0; i < args->N; ++i) {
+    if (args->valid[i] == 0) continue;
+    RTCHit hit;
+    hit.geomID = RTCHitN_geomID(args->hit, args->N, i);
+    hit.primID = RTCHitN_primID(args->hit, args->N, i);
+    hit.instID[0] = RTCHitN_instID(args->hit, args->N, i, 0);
+    hit.u = hit.v = 0.0f;
+    query.visit(hit_from(*query.view, hit, 0.0f));
+    args->valid[i] = 0;
+  }
+}
+
+class EmbreeAccelerator final : public Accelerator {
+ public:
+  EmbreeAccelerator(const AccelContext &context, const BuildOptions &options)
+      : scene_(context.scene), memory_(context.memory), view_(scene_->view())
+  {
+    if (options.triangle_test == TriangleTest::Double) {
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "Embree has no triangle test in double precision; use the kdtree accelerator");
+    }
+    facts_.accel = Accel::Embree;
+    facts_.triangle_test = options.triangle_test;
+    is_robust_ = options.triangle_test == TriangleTest::Watertight;
+    device_.reset(rtcNewDevice(fmt::format("threads={},set_affinity=0", context.num_threads).c_str()));
+    if (!device_)
+      fail(GPURT_ERROR_DEVICE, "Embree cannot be initialised (error {})", int(rtcGetDeviceError(nullptr)));
+    rtcSetDeviceMemoryMonitorFunction(device_.get(), monitor_memory, this);
+    try {
+      build();
+    } catch (...) {
+      release();
+      throw;
+    }
+    facts_.accel_bytes = uint64_t(std::max<int64_t>(used_bytes_, 0));
+  }
+
+  ~EmbreeAccelerator() override { release(); }
+
+  const CpuAccel &queries() const override { return queries_; }
+  const AccelFacts &facts() const override { return facts_; }
+
+  void all(const Ray &ray, void *user, void (*sink)(void *, const Hit &)) const override
+  {
+    TraceRay r;
+    if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return;
+    AllQuery query;
+    query.view = &embree_view_;
+    query.ray = &r;
+    query.user = user;
+    query.sink = sink;
+    make_triangle_ray(r, query.world_ray);
+    TraceRay moved = r;
+    move_origin(embree_view_, moved);
+    RTCRayHit ray_hit;
+    set_ray(moved, ray_hit.ray);
+    ray_hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    ray_hit.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+    embree::intersect(embree_view_.scene, ray_hit, query, filter_all);
+  }
+
+  HostKdTree export_tree(uint32_t) const override
+  {
+    fail_invalid(
+        "the scene was committed with Embree, which has no kd-tree to export; commit with the kdtree "
+        "accelerator");
+  }
+
+ private:
+  void build()
+  {
+    const size_t num_groups = scene_->groups.size();
+    runs_.resize(num_groups);
+    first_triangles_.resize(num_groups);
+    for (size_t g = 0; g < num_groups; ++g) {
+      runs_[g] = make_runs(scene_->groups[g]);
+      for (const Run &run : runs_[g]) first_triangles_[g].push_back(run.first_triangle);
+      group_runs_.push_back(first_triangles_[g].data());
+    }
+    // The last vertex is read as 16 bytes: without memory behind it, the positions are copied.
+    if (!scene_->positions.empty() && scene_->positions.capacity() == scene_->positions.size()) {
+      copied_positions_ = TrackedArray<Vec3f>(memory_, scene_->positions.size() + 1, "Embree's vertices");
+      std::copy(scene_->positions.begin(), scene_->positions.end(), copied_positions_.data());
+      copied_positions_[scene_->positions.size()] = {0, 0, 0};
+    }
+
+    Scene top = new_scene();
+    attach_runs(top.get(), runs_[0]);
+    for (size_t p = 0; p < scene_->placements.size(); ++p) {
+      const Placement &placement = scene_->placements[p];
+      const uint32_t g = placement.group;
+      if (scene_->groups[g].num_triangles == 0) continue;
+      if (shared_.size() <= g) shared_.resize(num_groups);
+      if (!shared_[g]) {
+        shared_[g] = new_scene();
+        attach_runs(shared_[g].get(), runs_[g]);
+        commit(shared_[g].get());
+      }
+      Geometry instance(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_INSTANCE));
+      rtcSetGeometryInstancedScene(instance.get(), shared_[g].get());
+      rtcSetGeometryTransform(instance.get(), 0, RTC_FORMAT_FLOAT3X4_ROW_MAJOR,
+                              &placement.object_to_world.m[0][0]);
+      rtcCommitGeometry(instance.get());
+      rtcAttachGeometryByID(top.get(), instance.get(), uint32_t(runs_[0].size() + p));
+    }
+    commit(top.get());
+    top_ = std::move(top);
+
+    embree_view_ = {top_.get(), view_, first_triangles_[0].data(), uint32_t(runs_[0].size()),
+                    group_runs_.data()};
+    queries_ = {&embree_view_, closest, occluded};
+  }
+
+  // Scenes before their device: the monitor is called while they give their memory back.
+  void release()
+  {
+    top_.reset();
+    shared_.clear();
+    device_.reset();
+  }
+
+  std::vector<Run> make_runs(const Group &group) const
+  {
+    std::vector<Run> runs;
+    const uint64_t end = uint64_t(group.first_triangle) + group.num_triangles;
+    for (uint64_t t = group.first_triangle; t < end;) {
+      const Segment &segment = scene_->segments[scene_->triangle_segment[t]];
+      const bool is_masked = scene_->materials[segment.material].alpha_cutoff > 0.0f;
+      const uint64_t next = std::min(uint64_t(segment.first_triangle) + segment.num_triangles, end);
+      if (runs.empty() || runs.back().is_masked != is_masked)
+        runs.push_back({&view_, uint32_t(t), 0, is_masked});
+      runs.back().num_triangles += uint32_t(next - t);
+      t = next;
+    }
+    return runs;
+  }
+
+  Scene new_scene() const
+  {
+    Scene scene(rtcNewScene(device_.get()));
+    check("creating a scene");
+    rtcSetSceneFlags(scene.get(), RTCSceneFlags(embree::filter_in_query_flag |
+                                                (is_robust_ ? RTC_SCENE_FLAG_ROBUST : RTC_SCENE_FLAG_NONE)));
+    return scene;
+  }
+
+  void attach_runs(RTCScene scene, const std::vector<Run> &runs) const
+  {
+    const Vec3f *positions =
+        copied_positions_.size() != 0 ? copied_positions_.data() : scene_->positions.data();
+    for (size_t i = 0; i < runs.size(); ++i) {
+      const Run &run = runs[i];
+      Geometry mesh(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE));
+      rtcSetSharedGeometryBuffer(mesh.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, positions, 0,
+                                 sizeof(Vec3f), scene_->positions.size());
+      rtcSetSharedGeometryBuffer(mesh.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                 scene_->indices.data(), size_t(run.first_triangle) * sizeof(UInt3),
+                                 sizeof(UInt3), run.num_triangles);
+      if (run.is_masked) {
+        rtcSetGeometryUserData(mesh.get(), const_cast<Run *>(&run));
+        rtcSetGeometryIntersectFilterFunction(mesh.get(), filter_holes);
+        rtcSetGeometryOccludedFilterFunction(mesh.get(), filter_holes);
+      }
+      rtcCommitGeometry(mesh.get());
+      rtcAttachGeometryByID(scene, mesh.get(), uint32_t(i));
+      check("adding triangles");
+    }
+  }
+
+  // Builds on the threads of the calling arena and on no others.
+  void commit(RTCScene scene) const
+  {
+    tbb::task_group group;
+    group.run_and_wait([&] { rtcJoinCommitScene(scene); });
+    check("building");
+  }
+
+  void check(const char *what) const
+  {
+    const RTCError error = rtcGetDeviceError(device_.get());
+    if (error == RTC_ERROR_NONE) return;
+    if (error == RTC_ERROR_OUT_OF_MEMORY) {
+      std::lock_guard lock(mutex_);
+      fail(GPURT_ERROR_OUT_OF_MEMORY, "{}",
+           refusal_.empty() ? fmt::format("Embree ran out of memory {}", what) : refusal_);
+    }
+    fail(GPURT_ERROR_INTERNAL, "Embree failed {} (error {})", what, int(error));
+  }
+
+  static bool monitor_memory(void *user, ssize_t bytes, bool)
+  {
+    auto &self = *static_cast<EmbreeAccelerator *>(user);
+    if (bytes < 0) {
+      self.memory_->release(uint64_t(-bytes));
+    } else {
+      try {
+        self.memory_->reserve(uint64_t(bytes), "Embree");
+      } catch (const Error &error) {
+        std::lock_guard lock(self.mutex_);
+        self.refusal_ = error.what();
+        return false;
+      }
+    }
+    self.used_bytes_ += bytes;
+    return true;
+  }
+
+  std::shared_ptr<const CompiledScene> scene_;
+  std::shared_ptr<MemoryTracker> memory_;
+  SceneView view_;
+  bool is_robust_ = true;
+  mutable std::mutex mutex_;
+  std::string refusal_;
+  std::atomic<int64_t> used_bytes_{0};
+  TrackedArray<Vec3f> copied_positions_;
+  std::vector<std::vector<Run>> runs_;
+  std::vector<std::vector<uint32_t>> first_triangles_;
+  std::vector<const uint32_t *> group_runs_;
+  Device device_;
+  std::vector<Scene> shared_;
+  Scene top_;
+  EmbreeView embree_view_{};
+  CpuAccel queries_{};
+  AccelFacts facts_;
+};
+
+}  // namespace
+
+std::unique_ptr<Accelerator> make_embree_accelerator(const AccelContext &context, const BuildOptions &options)
+{
+  return std::make_unique<EmbreeAccelerator>(context, options);
+}
+
+}  // namespace gpurt

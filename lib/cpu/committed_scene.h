@@ -1,0 +1,37 @@
+// A scene committed to the CPU: its accelerator and the queries over it.
+#pragma once
+
+#include <tbb/task_arena.h>
+
+#include "backend.h"
+#include "cpu/accel/accelerator.h"
+#include "cpu/path/path_kernel.h"
+
+namespace gpurt {
+
+class CpuScene final : public CommittedScene {
+ public:
+  CpuScene(std::shared_ptr<const CompiledScene> scene, std::unique_ptr<Accelerator> accelerator,
+           std::shared_ptr<tbb::task_arena> arena, std::shared_ptr<MemoryTracker> memory);
+
+  const AccelFacts &accel_facts() const override { return accelerator_->facts(); }
+  void trace(const TraceRequest &request) const override;
+  void render(const RenderPass &pass) const override;
+  HostKdTree export_tree(uint32_t tree) const override { return accelerator_->export_tree(tree); }
+
+  const CpuAccel &accel() const { return accelerator_->queries(); }
+
+ private:
+  void trace_closest_hits(const TraceRequest &request) const;
+  void trace_any_hits(const TraceRequest &request) const;
+  void trace_all_hits(const TraceRequest &request) const;
+  void write_hits(const TraceRequest &request, uint64_t first, const Hit *hits, uint64_t n) const;
+
+  std::shared_ptr<const CompiledScene> scene_;
+  SceneView view_;
+  std::unique_ptr<Accelerator> accelerator_;
+  std::shared_ptr<tbb::task_arena> arena_;
+  std::shared_ptr<MemoryTracker> memory_;
+};
+
+}  // namespace gpurt

@@ -1,0 +1,30 @@
+// The CPU device: its threads, its memory, and scenes committed to it.
+#pragma once
+
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include "backend.h"
+
+namespace gpurt {
+
+class CpuBackend final : public Backend {
+ public:
+  explicit CpuBackend(const BackendOptions &options);
+
+  const DeviceInfo &info() const override { return info_; }
+  const std::shared_ptr<MemoryTracker> &memory() const override { return memory_; }
+  std::shared_ptr<const CommittedScene> commit(std::shared_ptr<const CompiledScene> scene,
+                                               const BuildOptions &options) override;
+  std::shared_ptr<void> allocate(uint64_t bytes) override;
+  void copy_to_host(void *host, const void *device, uint64_t bytes) override;
+
+ private:
+  DeviceInfo info_;
+  std::shared_ptr<MemoryTracker> memory_;
+  std::function<void(gpurt_log_level, const std::string &)> log_;
+  tbb::global_control thread_limit_;
+  std::shared_ptr<tbb::task_arena> arena_;
+};
+
+}  // namespace gpurt
