@@ -17,10 +17,14 @@
 //
 // If Q is on the near side of a plane of axis k, then t_Q <= s + (7 + 3 + 2) eps M/|d_k|, and on the far side t_Q >= s
 // less that. So with w_k = 16 eps M/|d_k| the interval [a, b] of every node above Q's leaf contains t_Q, when a child is
-// left out only if s - w > b or s + w < a, and its interval begins or ends at s - w or s + w. The sides are told by the
-// direction's sign, never by that of s, which may underflow; where plane and ray are parallel, |1/d_k| is cut to
-// 2^60/|d_z|: the ray then moves by less than 2^-58 M, and a plane further from it than 16 eps M is still told apart.
-// Overflow makes comparisons false and both children be visited. Extra visits cost time and never change what is hit.
+// left out only if s - w > b or s + w < a, and its interval is cut at s - w or s + w. So, too, two planes that bound a
+// visited cell are passed in the wrong order by no more than (16 + 2 + 3) eps M/|d_k| each: the ray meets every leaf
+// that is visited once its cell has grown by 21 eps M.
+//
+// The sides are told by the direction's sign, never by that of s, which may underflow; where plane and ray are parallel,
+// |1/d_k| is cut to 2^60/|d_z|: the ray then moves by less than 2^-58 M, and a plane further from it than 16 eps M is
+// still told apart. Overflow makes comparisons false and both children be visited. Extra visits cost time and never
+// change what is hit.
 #pragma once
 
 #include "core/accel/kd_tree.h"
@@ -38,9 +42,11 @@ struct KdRay {
   uint32_t negative;  // bit k: the direction points down along axis k
 };
 
+// A postponed far child.
 struct KdEntry {
-  uint32_t tag;  // node << 2 | axis of the plane that it lies behind
-  float s;       // distance to that plane
+  uint32_t index;
+  float a;       // where its interval begins
+  float near_b;  // where that of the near side ends, and of all that is postponed within it
 };
 
 GPURT_FUNCTIONS_BEGIN
@@ -89,7 +95,8 @@ GPURT_INLINE KdRay make_kd_ray(const TraceRay &ray, const Box &bounds, float t_l
 // t_limit is the largest t of interest. The leaf action may lower it, as closest hits do: a leaf that begins beyond it
 // is left out, so that a hit found early but lying in a later cell does not hide a nearer one.
 template <class LeafAction>
-GPURT_HD inline void traverse_kd(const KdTreeView &tree, const TraceRay &ray, float &t_limit, LeafAction &&leaf)
+GPURT_HD inline void traverse_kd(const KdTreeView &tree, const TraceRay &ray, float &t_limit,
+                                 LeafAction &&leaf)
 {
   if (tree.num_nodes == 0) return;
   const KdRay r = make_kd_ray(ray, tree.bounds, t_limit);
@@ -113,8 +120,10 @@ GPURT_HD inline void traverse_kd(const KdTreeView &tree, const TraceRay &ray, fl
       } else if (s + w < a) {
         index = far;
       } else {
-        todo[num_todo++] = {far << 2 | uint32_t(k), s};
-        b = min(b, s + w);  // a NaN leaves b as it is
+        // Both ends only narrow the interval: a plane almost parallel to the ray, whose widening is large, must not
+        // undo what the planes above it have cut off. A NaN leaves them as they are.
+        b = min(b, s + w);
+        todo[num_todo++] = {far, max(a, s - w), b};
         index = near;
       }
       node = tree.nodes[index];
@@ -125,16 +134,10 @@ GPURT_HD inline void traverse_kd(const KdTreeView &tree, const TraceRay &ray, fl
     do {
       if (num_todo == 0) return;
       const KdEntry e = todo[--num_todo];
-      index = e.tag >> 2;
-      a = e.s - pick(r.widening, int(e.tag & 3u));
+      index = e.index;
+      a = e.a;
     } while (a > t_limit + r.t_widening);
-    b = r.b;
-    if (num_todo != 0) {
-      const KdEntry below = todo[num_todo - 1];
-      b = min(b, below.s + pick(r.widening, int(below.tag & 3u)));
-    }
-    b = min(b, t_limit + r.t_widening);
-    a = max(r.a, a);
+    b = min(num_todo != 0 ? todo[num_todo - 1].near_b : r.b, t_limit + r.t_widening);
   }
 }
 
