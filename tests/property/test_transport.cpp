@@ -110,10 +110,11 @@ TEST_P(Transport, GlassAndMirrorUnderAUnitSkyAreInvisible)
   set_environment(scene, 1);
   add_camera(scene, {1, 0, 6}, 0.7f);
   commit(scene, GetParam());
-  const RenderOptions o{.spp = 64, .max_depth = 64};
+  const RenderOptions o{.spp = 64, .max_depth = 256};
   Frame frame = make_frame(scene, o);
   render(frame, o);
-  // Paths that total reflection holds inside for more than 64 vertices are cut: far fewer than one in 1000.
+  // What is lost are paths that total reflection between facets holds inside beyond max_depth: 2.9e-3 of the picture at
+  // 16, 1.2e-3 at 64.
   EXPECT_NEAR(mean(read_color(frame, o)), 1.0, 1e-3);
 }
 
