@@ -1,11 +1,13 @@
 #include "cpu/cpu_backend.h"
 
 #include <sys/sysinfo.h>
+#include <tbb/global_control.h>
 #include <tbb/info.h>
 
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <mutex>
 
 #include "cpu/committed_scene.h"
 #include "cpu/factory.h"
@@ -37,6 +39,20 @@ uint32_t thread_count(const BackendOptions &options)
   return options.num_threads != 0 ? options.num_threads : uint32_t(tbb::info::default_concurrency());
 }
 
+// TBB runs no more threads than the process may use unless it is told to. Of several limits the smallest counts, so that
+// there is only one, for the largest number that was ever asked for.
+void allow_threads(uint32_t num_threads)
+{
+  static std::mutex mutex;
+  static std::unique_ptr<tbb::global_control> limit;
+  static size_t allowed = size_t(tbb::info::default_concurrency());
+  std::lock_guard lock(mutex);
+  if (num_threads <= allowed) return;
+  allowed = num_threads;
+  limit.reset();
+  limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, allowed);
+}
+
 DeviceInfo describe(uint32_t num_threads)
 {
   DeviceInfo info;
@@ -54,9 +70,6 @@ CpuBackend::CpuBackend(const BackendOptions &options)
     : info_(describe(thread_count(options))),
       memory_(std::make_shared<MemoryTracker>(options.memory_limit_bytes)),
       log_(options.log),
-      // TBB never runs more threads than the processor has unless it is told so.
-      thread_limit_(tbb::global_control::max_allowed_parallelism,
-                    std::max<size_t>(info_.num_threads, size_t(tbb::info::default_concurrency()))),
       arena_(std::make_shared<tbb::task_arena>(int(info_.num_threads)))
 {}
 

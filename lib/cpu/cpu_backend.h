@@ -1,7 +1,6 @@
 // The CPU device: its threads, its memory, and scenes committed to it.
 #pragma once
 
-#include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 
 #include "backend.h"
@@ -23,7 +22,6 @@ class CpuBackend final : public Backend {
   DeviceInfo info_;
   std::shared_ptr<MemoryTracker> memory_;
   std::function<void(gpurt_log_level, const std::string &)> log_;
-  tbb::global_control thread_limit_;
   std::shared_ptr<tbb::task_arena> arena_;
 };
 

@@ -9,6 +9,7 @@
 #include <random>
 
 #include "core/accel/trace.h"
+#include "cpu/accel/kd_build.h"
 #include "cpu/committed_scene.h"
 #include "cpu/cpu_backend.h"
 
@@ -218,7 +219,7 @@ void visit_all_triangles(const SceneView &scene, const TraceRay &ray, Visitor &v
     for (uint32_t i = g.first_triangle; i < g.first_triangle + g.num_triangles; ++i) {
       const UInt3 c = scene.indices[i];
       const Vec3f a = scene.positions[c.x], b = scene.positions[c.y], d = scene.positions[c.z];
-      if (cross(b - a, d - a).x == 0 && cross(b - a, d - a).y == 0 && cross(b - a, d - a).z == 0) continue;
+      if (is_degenerate(a, b, d)) continue;
       const float limit =
           r.exponent == ray.exponent ? visitor.limit : scale_by_power(visitor.limit, r.exponent);
       TriangleHit h;

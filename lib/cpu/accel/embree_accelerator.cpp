@@ -129,39 +129,13 @@ void filter_holes(const RTCFilterFunctionNArguments *args)
   }
 }
 
-// Collects crossings: Embree proposes triangles, our half-open test decides, so that a ray through an edge of a closed
-// surface crosses it once.
+// Collects crossings. A ray through an edge meets one or both of its triangles, as Embree's test sees it.
 struct AllQuery : embree::FilteredQuery {
   const EmbreeView *view;
   const TraceRay *ray;
-  TriangleRay<TriangleTest::Watertight> world_ray;
+  float moved;
   void *user;
   void (*sink)(void *, const Hit &);
-
-  void visit(const Hit &proposed) const
-  {
-    const SceneView &scene = view->view;
-    TraceRay object_ray = *ray;
-    TriangleRay<TriangleTest::Watertight> r = world_ray;
-    if (proposed.placement != invalid_id) {
-      const Transform &m = scene.placements[proposed.placement].world_to_object;
-      if (!prepare_ray(transform_point(m, ray->origin), transform_vector(m, ray->direction), ray->tmin,
-                       ray->tmax, object_ray)) {
-        return;
-      }
-      make_triangle_ray(object_ray, r);
-    }
-    const UInt3 corner = scene.indices[proposed.triangle];
-    TriangleHit h;
-    if (!intersect<EdgeRule::HalfOpen>(r, scene.positions[corner.x], scene.positions[corner.y],
-                                       scene.positions[corner.z], object_ray.tmin, object_ray.tmax, h)) {
-      return;
-    }
-    if (proposed.placement != invalid_id && object_ray.exponent != 0)
-      h.t = scale_by_power(h.t, -object_ray.exponent);
-    if (scene.has_alpha_masks && is_hole(scene, proposed.triangle, h.u, h.v)) return;
-    sink(user, {caller_t(*ray, h.t), h.u, h.v, proposed.triangle, proposed.placement});
-  }
 };
 
 void filter_all(const RTCFilterFunctionNArguments *args)
@@ -173,9 +147,11 @@ void filter_all(const RTCFilterFunctionNArguments *args)
     hit.geomID = RTCHitN_geomID(args->hit, args->N, i);
     hit.primID = RTCHitN_primID(args->hit, args->N, i);
     hit.instID[0] = RTCHitN_instID(args->hit, args->N, i, 0);
-    hit.u = hit.v = 0.0f;
-    query.visit(hit_from(*query.view, hit, 0.0f));
-    args->valid[i] = 0;
+    hit.u = RTCHitN_u(args->hit, args->N, i);
+    hit.v = RTCHitN_v(args->hit, args->N, i);
+    const float t = RTCRayN_tfar(args->ray, args->N, i) + query.moved;
+    query.sink(query.user, hit_from(*query.view, hit, caller_t(*query.ray, t)));
+    args->valid[i] = 0;  // on to the next one
   }
 }
 
@@ -218,11 +194,9 @@ class EmbreeAccelerator final : public Accelerator {
     query.ray = &r;
     query.user = user;
     query.sink = sink;
-    make_triangle_ray(r, query.world_ray);
-    TraceRay moved = r;
-    move_origin(embree_view_, moved);
+    query.moved = move_origin(embree_view_, r);
     RTCRayHit ray_hit;
-    set_ray(moved, ray_hit.ray);
+    set_ray(r, ray_hit.ray);
     ray_hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     ray_hit.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
     embree::intersect(embree_view_.scene, ray_hit, query, filter_all);
