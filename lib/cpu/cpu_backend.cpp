@@ -71,7 +71,9 @@ CpuBackend::CpuBackend(const BackendOptions &options)
       memory_(std::make_shared<MemoryTracker>(options.memory_limit_bytes)),
       log_(options.log),
       arena_(std::make_shared<tbb::task_arena>(int(info_.num_threads)))
-{}
+{
+  allow_threads(info_.num_threads);
+}
 
 std::shared_ptr<const CommittedScene> CpuBackend::commit(std::shared_ptr<const CompiledScene> scene,
                                                          const BuildOptions &options)
