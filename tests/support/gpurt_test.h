@@ -210,7 +210,7 @@ inline std::vector<gpurt_hit> trace_closest(gpurt_scene scene, const std::vector
 struct RenderOptions {
   uint32_t width = 32, height = 32, spp = 64, max_depth = 0, tile_size = 0;
   uint64_t seed = 0;
-  std::vector<gpurt_tile> tiles;
+  std::vector<gpurt_tile> tiles = {};
 };
 
 inline Frame make_frame(gpurt_scene scene, const RenderOptions &o, uint32_t outputs = 0)

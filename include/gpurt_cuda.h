@@ -1,0 +1,33 @@
+/* gpurt for CUDA callers: work on the caller's stream, between the caller's events.
+ *
+ * Needs no CUDA header. Streams are cudaStream_t or CUstream, events are cudaEvent_t or CUevent, passed as void *; they
+ * belong to the context of the device. On other devices the functions return GPURT_ERROR_UNSUPPORTED.
+ */
+#ifndef GPURT_CUDA_H
+#define GPURT_CUDA_H
+
+#include "gpurt.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Queues a batch of rays on a stream and returns before it is done.
+ *
+ *  @param desc        As for gpurt_scene_trace, with storage GPURT_STORAGE_DEVICE. Its arrays are device memory and stay
+ *                     valid until the work is done; the descriptor itself may go at once.
+ *  @param stream      The stream; NULL is the default stream.
+ *  @param wait_event  The work starts after this event; NULL: when the stream reaches it.
+ *  @param done_event  Recorded after the work; NULL: none.
+ *
+ *  The scene must neither be released nor committed before the work is done.
+ *  Errors: as gpurt_scene_trace; UNSUPPORTED where the device or the query does not work on streams. Failures of the work
+ *  itself show in the stream.
+ */
+GPURT_API gpurt_result gpurt_cuda_trace(gpurt_scene scene, const gpurt_trace_desc *desc, void *stream,
+                                        void *wait_event, void *done_event);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

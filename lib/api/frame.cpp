@@ -1,0 +1,124 @@
+// gpurt_frame_*: forwards to lib/frame.
+#include "frame/frame.h"
+
+#include "api/descriptor.h"
+#include "api/guard.h"
+#include "api/objects.h"
+#include "frame/job.h"
+#include "planner/plan.h"
+
+namespace gpurt::api {
+namespace {
+
+// Tiles are copied before they are used, so that their memory may go once the call returns.
+std::span<const gpurt_tile> checked_tiles(const gpurt_tile *tiles, size_t num_tiles)
+{
+  if (!tiles && num_tiles != 0) fail_invalid("tiles is NULL, but num_tiles is {}", num_tiles);
+  if (tiles && num_tiles == 0) {
+    fail_invalid("num_tiles is 0, but tiles is given; pass NULL and 0 for the whole frame");
+  }
+  if (num_tiles > UINT32_MAX) fail_invalid("num_tiles is {}; at most {}", num_tiles, UINT32_MAX);
+  return {tiles, num_tiles};
+}
+
+}  // namespace
+}  // namespace gpurt::api
+
+using namespace gpurt;
+using namespace gpurt::api;
+
+gpurt_result gpurt_frame_create(gpurt_scene scene, const gpurt_frame_desc *desc, gpurt_frame *out_frame)
+{
+  return guard([&] {
+    const auto s = get(scene, "scene");
+    const gpurt_frame_desc d = read_optional_descriptor(desc);
+    require(out_frame, "out_frame");
+    const auto object = std::make_shared<FrameObject>();
+    object->scene = s;
+    object->commit = s->require_commit();
+    const Commit &commit = *object->commit;
+    object->frame = std::make_shared<Frame>(FrameScene{commit.committed, commit.compiled, s->device->memory(),
+                                                       s->device->info().num_threads, commit.build_seconds},
+                                            d);
+    *out_frame = publish<gpurt_frame>(object);
+  });
+}
+
+gpurt_result gpurt_frame_retain(gpurt_frame frame)
+{
+  return guard([&] { retain(frame, "frame"); });
+}
+
+gpurt_result gpurt_frame_release(gpurt_frame frame)
+{
+  return guard([&] { release(frame, "frame"); });
+}
+
+gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc, const gpurt_tile *tiles,
+                                size_t num_tiles, gpurt_job *out_job)
+{
+  return guard([&] {
+    const auto f = get(frame, "frame");
+    const gpurt_render_desc d = read_optional_descriptor(desc);
+    require(out_job, "out_job");
+    check_enum(d.pipeline, GPURT_PIPELINE_HYBRID + 1, "pipeline", "gpurt_pipeline");
+    const RenderPlan plan = plan_render(d);
+    const auto object = std::make_shared<JobObject>();
+    object->frame = f;
+    object->job = Job::submit(f->frame, plan.desc, checked_tiles(tiles, num_tiles));
+    *out_job = publish<gpurt_job>(object);
+  });
+}
+
+gpurt_result gpurt_frame_read(gpurt_frame frame, gpurt_output output, void *data, uint64_t size_bytes)
+{
+  return guard([&] {
+    const auto f = get(frame, "frame");
+    check_enum(output, GPURT_OUTPUT_COUNT, "output", "gpurt_output");
+    require(data, "data");
+    f->frame->read(output, data, size_bytes);
+  });
+}
+
+gpurt_result gpurt_frame_save(gpurt_frame frame, const char *path)
+{
+  return guard([&] {
+    const auto f = get(frame, "frame");
+    require(path, "path");
+    f->frame->save(path);
+  });
+}
+
+gpurt_result gpurt_frame_merge(gpurt_frame frame, gpurt_frame other)
+{
+  return guard([&] {
+    const auto to = get(frame, "frame");
+    const auto from = get(other, "other");
+    if (to == from) fail_invalid("a frame cannot be merged with itself: its samples would count twice");
+    to->frame->merge(*from->frame);
+  });
+}
+
+gpurt_result gpurt_frame_load_state(gpurt_frame frame, const char *path)
+{
+  return guard([&] {
+    const auto f = get(frame, "frame");
+    require(path, "path");
+    f->frame->load_state(path);
+  });
+}
+
+gpurt_result gpurt_frame_get_statistics(gpurt_frame frame, gpurt_statistics *out_statistics)
+{
+  return guard([&] {
+    const auto f = get(frame, "frame");
+    check_output(out_statistics, "out_statistics");
+    gpurt_statistics statistics = GPURT_STATISTICS_INIT;
+    f->frame->statistics(statistics);
+    // The frame knows why its samples are what they are, the commit why its accelerator is.
+    const std::string reason =
+        f->commit->accel_reason + (statistics.reason[0] ? "; " : "") + statistics.reason;
+    statistics.reason[reason.copy(statistics.reason, sizeof statistics.reason - 1)] = 0;
+    write_output(out_statistics, statistics, "out_statistics");
+  });
+}

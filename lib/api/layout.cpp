@@ -1,0 +1,47 @@
+// Where the library reads public structs in place, or casts enums: their layouts and values are those of its own types.
+#include <cstddef>
+
+#include "backend.h"
+#include "gpurt.h"
+
+namespace gpurt::api {
+namespace {
+
+static_assert(sizeof(Ray) == sizeof(gpurt_ray) && alignof(Ray) == alignof(gpurt_ray));
+static_assert(offsetof(Ray, origin) == offsetof(gpurt_ray, origin));
+static_assert(offsetof(Ray, tmin) == offsetof(gpurt_ray, tmin));
+static_assert(offsetof(Ray, direction) == offsetof(gpurt_ray, direction));
+static_assert(offsetof(Ray, tmax) == offsetof(gpurt_ray, tmax));
+
+static_assert(sizeof(gpurt_hit) == 32 && sizeof(gpurt_hit_compact) == 16);
+
+static_assert(sizeof(KdNode) == sizeof(gpurt_kdtree_node));
+static_assert(offsetof(KdNode, word) == offsetof(gpurt_kdtree_node, word));
+static_assert(offsetof(KdNode, tag) == offsetof(gpurt_kdtree_node, tag));
+
+template <class A, class B>
+constexpr bool same(A a, B b)
+{
+  return uint32_t(a) == uint32_t(b);
+}
+
+static_assert(same(Accel::Auto, GPURT_ACCEL_AUTO) && same(Accel::KdTree, GPURT_ACCEL_KDTREE));
+static_assert(same(Accel::Embree, GPURT_ACCEL_EMBREE) && same(Accel::Bvh, GPURT_ACCEL_BVH));
+static_assert(same(TriangleTest::Watertight, GPURT_TRIANGLE_WATERTIGHT));
+static_assert(same(TriangleTest::MollerTrumbore, GPURT_TRIANGLE_MOLLER_TRUMBORE));
+static_assert(same(TriangleTest::Double, GPURT_TRIANGLE_DOUBLE));
+static_assert(same(QueryKind::Closest, GPURT_QUERY_CLOSEST) && same(QueryKind::Any, GPURT_QUERY_ANY));
+static_assert(same(QueryKind::All, GPURT_QUERY_ALL));
+static_assert(same(MaterialType::Lambert, GPURT_MATERIAL_LAMBERT) &&
+              same(MaterialType::Mirror, GPURT_MATERIAL_MIRROR));
+static_assert(same(MaterialType::Glass, GPURT_MATERIAL_GLASS) &&
+              same(MaterialType::Metal, GPURT_MATERIAL_METAL));
+static_assert(same(TexelFormat::Rgba8Srgb, GPURT_TEXTURE_RGBA8_SRGB));
+static_assert(same(TexelFormat::Rgba8Linear, GPURT_TEXTURE_RGBA8_LINEAR));
+static_assert(same(TexelFormat::Rgba32f, GPURT_TEXTURE_RGBA32F));
+static_assert(same(Wrap::Repeat, GPURT_WRAP_REPEAT) && same(Wrap::Clamp, GPURT_WRAP_CLAMP));
+static_assert(same(Wrap::Mirror, GPURT_WRAP_MIRROR));
+static_assert(same(invalid_id, GPURT_INVALID_ID));
+
+}  // namespace
+}  // namespace gpurt::api

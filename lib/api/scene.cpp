@@ -1,0 +1,217 @@
+// gpurt_scene_*: create, load, commit, facts.
+#include <chrono>
+
+#include "api/array.h"
+#include "api/descriptor.h"
+#include "api/guard.h"
+#include "planner/plan.h"
+#include "scene/validate.h"
+
+namespace gpurt::api {
+namespace {
+
+double steady_seconds()
+{
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+// Of a commit, without the textures: it shares them with the description, which has reserved them.
+uint64_t own_bytes(const CompiledScene &compiled)
+{
+  uint64_t shared = 0;
+  for (const auto &texels : compiled.texture_data) shared += texels->size();
+  return compiled.bytes() - shared;
+}
+
+// Memory of the caller can change behind our back: what lies in it obeys the rules only as long as it is left alone.
+void recheck_shared_geometries(const Scene &scene)
+{
+  for (const uint32_t id : scene.shared_geometries) {
+    const GeometryData &g = scene.data.geometries[id];
+    SceneData scratch;
+    try {
+      if (g.kind == GeometryKind::Mesh) add_mesh(scratch, g.mesh, 0);
+      else add_patches(scratch, g.patches, 0);
+    } catch (const Error &e) {
+      fail_invalid("geometry {}: the contents of its buffers have changed and are no longer valid: {}", id,
+                   e.what());
+    }
+  }
+}
+
+// The group of triangles that a tree of the exchange is about (gpurt_kdtree.tree).
+const Group &group_of_tree(const CompiledScene &compiled, uint32_t tree)
+{
+  for (size_t i = 0; i < compiled.groups.size(); ++i) {
+    if (i == 0 ? tree == 0 : tree != 0 && compiled.group_geometry[i] == tree - 1) return compiled.groups[i];
+  }
+  fail_invalid("a tree was imported for tree {}, but geometry {} is not placed more than once", tree,
+               tree - 1);
+}
+
+bool contains(const Box &outer, const Box &inner)
+{
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(at(outer.lo, axis) <= at(inner.lo, axis) && at(inner.hi, axis) <= at(outer.hi, axis))) return false;
+  }
+  return true;
+}
+
+// How many triangles patches become is known only now.
+void check_imported_tree(const CompiledScene &compiled, uint32_t tree, const HostKdTree &imported)
+{
+  const Group &group = group_of_tree(compiled, tree);
+  if (imported.num_triangles != group.num_triangles) {
+    fail_invalid("the imported tree {} has {} triangles, but the scene has {}; build it again", tree,
+                 imported.num_triangles, group.num_triangles);
+  }
+  if (!is_empty(group.bounds) && !contains(imported.bounds, group.bounds)) {
+    fail_invalid("the bounds of the imported tree {} do not contain its triangles; build it again", tree);
+  }
+}
+
+std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build_desc &desc)
+{
+  const double start = steady_seconds();
+  Device &device = *scene.device;
+  BuildPlan plan = plan_build(desc, device.info(), !scene.imported_trees.empty());
+  for (const std::string &warning : plan.warnings) (*device.log)(GPURT_LOG_WARNING, warning);
+  recheck_shared_geometries(scene);
+
+  const auto commit = std::make_shared<Commit>();
+  commit->device = scene.device;
+  commit->accel_reason = plan.reason;
+  auto compiled = std::make_shared<CompiledScene>(compile_scene(scene.data, desc.patch_tolerance));
+  commit->reservation = Reservation(device.memory(), own_bytes(*compiled), "the committed scene");
+  if (plan.options.accel == Accel::KdTree) {
+    for (const auto &[tree, imported] : scene.imported_trees) {
+      check_imported_tree(*compiled, tree, *imported);
+      plan.options.imported.emplace_back(tree, imported);
+    }
+  }
+  commit->compiled = std::move(compiled);
+  commit->committed = device.backend->commit(commit->compiled, plan.options);
+  commit->build_seconds = steady_seconds() - start;
+  return commit;
+}
+
+uint64_t num_world_triangles(const CompiledScene &compiled)
+{
+  uint64_t sum = compiled.groups.empty() ? 0 : compiled.groups[0].num_triangles;
+  for (const Placement &p : compiled.placements) sum += compiled.groups[p.group].num_triangles;
+  return sum;
+}
+
+void describe(const SceneData &data, gpurt_scene_facts &facts)
+{
+  facts.num_geometries = uint32_t(data.geometries.size());
+  facts.num_instances = uint32_t(data.instances.size());
+  facts.num_materials = uint32_t(data.materials.size() - 1);  // without the default
+  facts.num_textures = uint32_t(data.textures.size());
+  facts.num_cameras = uint32_t(data.cameras.size());
+  for (const PointLightData &light : data.lights) {
+    (light.type == LightType::Distant ? facts.num_distant_lights : facts.num_point_lights)++;
+  }
+  const EnvironmentData &environment = data.environment;
+  facts.has_environment = max_component(environment.radiance) > 0;
+  for (const Material &material : data.materials) {
+    if (material.type == MaterialType::Glass) facts.has_glass = 1;
+    if (material.alpha_cutoff > 0) facts.has_alpha_masks = 1;
+  }
+  const Box empty = empty_box();
+  for (int axis = 0; axis < 3; ++axis) {
+    facts.bounds_min[axis] = at(empty.lo, axis);
+    facts.bounds_max[axis] = at(empty.hi, axis);
+  }
+}
+
+void describe(const Commit &commit, gpurt_scene_facts &facts)
+{
+  const CompiledScene &compiled = *commit.compiled;
+  facts.num_patches = compiled.num_patches;
+  facts.num_triangles = compiled.indices.size();
+  facts.num_world_triangles = num_world_triangles(compiled);
+  for (const Light &light : compiled.lights)
+    facts.num_emissive_triangles += light.type == LightType::Triangle;
+  for (int axis = 0; axis < 3; ++axis) {
+    facts.bounds_min[axis] = at(compiled.bounds.lo, axis);
+    facts.bounds_max[axis] = at(compiled.bounds.hi, axis);
+  }
+  const AccelFacts &accel = commit.committed->accel_facts();
+  facts.is_committed = 1;
+  facts.accel = gpurt_accel(accel.accel);
+  facts.triangle_test = gpurt_triangle_test(accel.triangle_test);
+  facts.accel_bytes = accel.accel_bytes;
+  facts.scene_bytes = compiled.bytes() + accel.accel_bytes;
+  facts.num_nodes = accel.num_nodes;
+  facts.num_references = accel.num_references;
+  facts.tree_depth = accel.tree_depth;
+  facts.tree_from_cache = accel.from_cache ? 1 : 0;
+  facts.build_seconds = commit.build_seconds;
+  facts.sah_cost = accel.sah_cost;
+}
+
+}  // namespace
+}  // namespace gpurt::api
+
+using namespace gpurt;
+using namespace gpurt::api;
+
+gpurt_result gpurt_scene_create(gpurt_device device, gpurt_scene *out_scene)
+{
+  return guard([&] {
+    const auto parent = get(device, "device");
+    require(out_scene, "out_scene");
+    *out_scene = publish<gpurt_scene>(std::make_shared<Scene>(parent));
+  });
+}
+
+gpurt_result gpurt_scene_load(gpurt_device device, const char *path, gpurt_scene *out_scene)
+{
+  return guard([&] {
+    const auto parent = get(device, "device");
+    require(path, "path");
+    require(out_scene, "out_scene");
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "{}: this build does not read glTF; describe the scene with gpurt_scene_add_*", path);
+  });
+}
+
+gpurt_result gpurt_scene_retain(gpurt_scene scene)
+{
+  return guard([&] { retain(scene, "scene"); });
+}
+
+gpurt_result gpurt_scene_release(gpurt_scene scene)
+{
+  return guard([&] { release(scene, "scene"); });
+}
+
+gpurt_result gpurt_scene_commit(gpurt_scene scene, const gpurt_build_desc *desc)
+{
+  return guard([&] {
+    const auto s = get(scene, "scene");
+    const gpurt_build_desc d = read_optional_descriptor(desc);
+    check_enum(d.accel, GPURT_ACCEL_BVH + 1, "accel", "gpurt_accel");
+    check_enum(d.triangle_test, GPURT_TRIANGLE_DOUBLE + 1, "triangle_test", "gpurt_triangle_test");
+    check_reserved(d.reserved, "reserved");
+    // The description does not change while this is held; it is read without data_mutex, so that others may read it too.
+    const std::scoped_lock lock(s->changing);
+    s->set_commit(build_commit(*s, d));
+  });
+}
+
+gpurt_result gpurt_scene_get_facts(gpurt_scene scene, gpurt_scene_facts *out_facts)
+{
+  return guard([&] {
+    const auto s = get(scene, "scene");
+    check_output(out_facts, "out_facts");
+    gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
+    {
+      const std::shared_lock lock(s->data_mutex);
+      describe(s->data, facts);
+    }
+    if (const auto commit = s->last_commit()) describe(*commit, facts);
+    write_output(out_facts, facts, "out_facts");
+  });
+}

@@ -1,0 +1,148 @@
+#include "planner/plan.h"
+
+#include <cmath>
+
+#include "core/accel/kd_tree.h"
+#include "error.h"
+
+namespace gpurt {
+namespace {
+
+constexpr uint32_t default_samples_per_pixel = 64;
+constexpr uint32_t default_max_depth = 17;
+
+const char *name_of(Accel accel)
+{
+  switch (accel) {
+    case Accel::KdTree:
+      return "kdtree";
+    case Accel::Embree:
+      return "embree";
+    case Accel::Bvh:
+      return "bvh";
+    default:
+      return "auto";
+  }
+}
+
+void check_factor(float value, const char *field)
+{
+  if (!(value >= 0) || std::isinf(value))
+    fail_invalid("{} is {}; it must be 0 or a positive number", field, value);
+}
+
+// What only the kd-tree understands, as the first such field that is set; null if there is none.
+const char *kd_tree_setting(const gpurt_build_desc &desc)
+{
+  if (desc.tree_cache_path && *desc.tree_cache_path) return "tree_cache_path";
+  if (desc.max_depth != 0) return "max_depth";
+  if (desc.traversal_cost != 0) return "traversal_cost";
+  if (desc.empty_bonus != 0) return "empty_bonus";
+  return nullptr;
+}
+
+void choose_accel(const gpurt_build_desc &desc, const DeviceInfo &device, bool has_imported_trees,
+                  BuildPlan &plan)
+{
+  const auto choose = [&](Accel accel, std::string why) {
+    plan.options.accel = accel;
+    plan.reason = fmt::format("accel {}: {}", name_of(accel), why);
+  };
+  if (desc.accel != GPURT_ACCEL_AUTO) return choose(Accel(desc.accel), "as asked");
+  if (device.type == GPURT_DEVICE_CUDA) return choose(Accel::KdTree, "the default of CUDA devices");
+  if (has_imported_trees) return choose(Accel::KdTree, "a tree was imported");
+  if (desc.triangle_test == GPURT_TRIANGLE_DOUBLE)
+    return choose(Accel::KdTree, "it alone has the double triangle test");
+  if (const char *setting = kd_tree_setting(desc))
+    return choose(Accel::KdTree, fmt::format("{} is set", setting));
+  choose(Accel::Embree, "the fastest on CPUs");
+}
+
+}  // namespace
+
+BuildPlan plan_build(const gpurt_build_desc &desc, const DeviceInfo &device, bool has_imported_trees)
+{
+  if (desc.max_depth > uint32_t(kd_max_depth))
+    fail_invalid("max_depth is {}; at most {}", desc.max_depth, kd_max_depth);
+  check_factor(desc.traversal_cost, "traversal_cost");
+  check_factor(desc.empty_bonus, "empty_bonus");
+  check_factor(desc.patch_tolerance, "patch_tolerance");
+
+  BuildPlan plan;
+  plan.options.triangle_test = TriangleTest(desc.triangle_test);
+  plan.options.max_depth = desc.max_depth;
+  plan.options.traversal_cost = desc.traversal_cost;
+  plan.options.empty_bonus = desc.empty_bonus;
+  if (desc.tree_cache_path) plan.options.cache_path = desc.tree_cache_path;
+  choose_accel(desc, device, has_imported_trees, plan);
+
+  const Accel accel = plan.options.accel;
+  if (accel == Accel::Bvh) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "GPURT_ACCEL_BVH is not supported by this version; use GPURT_ACCEL_KDTREE or {}",
+         device.type == GPURT_DEVICE_CPU ? "GPURT_ACCEL_EMBREE" : "GPURT_ACCEL_AUTO");
+  }
+  if (accel == Accel::Embree && device.type != GPURT_DEVICE_CPU) {
+    fail(GPURT_ERROR_UNSUPPORTED, "embree runs on the CPU device alone; use GPURT_ACCEL_KDTREE");
+  }
+  if (accel == Accel::Embree && desc.triangle_test == GPURT_TRIANGLE_DOUBLE) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "embree has no double triangle test; use GPURT_ACCEL_KDTREE, or leave accel AUTO");
+  }
+  if (accel != Accel::KdTree) {
+    if (const char *setting = kd_tree_setting(desc)) {
+      plan.warnings.push_back(
+          fmt::format("{} has no effect with accel {}; it is a setting of kdtree", setting, name_of(accel)));
+    }
+    if (has_imported_trees) {
+      plan.warnings.push_back(
+          fmt::format("the imported kd-trees have no effect with accel {}; commit with kdtree to use "
+                      "them",
+                      name_of(accel)));
+    }
+  }
+  return plan;
+}
+
+RenderPlan plan_render(const gpurt_render_desc &desc)
+{
+  RenderPlan plan{desc, "pipeline path: as asked"};
+  gpurt_render_desc &d = plan.desc;
+  switch (d.pipeline) {
+    case GPURT_PIPELINE_AUTO:
+      d.pipeline = GPURT_PIPELINE_PATH;
+      plan.reason = "pipeline path: the only one of this version";
+      break;
+    case GPURT_PIPELINE_PATH:
+      break;
+    case GPURT_PIPELINE_PHOTON:
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "GPURT_PIPELINE_PHOTON is not supported by this version; use GPURT_PIPELINE_PATH, with more "
+           "samples per pixel "
+           "where caustics matter");
+    case GPURT_PIPELINE_REYES:
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "GPURT_PIPELINE_REYES is not supported by this version; use GPURT_PIPELINE_PATH, with max_depth 2 "
+           "for direct "
+           "light alone");
+    case GPURT_PIPELINE_HYBRID:
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "GPURT_PIPELINE_HYBRID is not supported by this version; use GPURT_PIPELINE_PATH");
+    default:
+      fail_invalid("pipeline is {}; it must be a value of gpurt_pipeline", uint32_t(d.pipeline));
+  }
+  if (!(d.target_error >= 0) || std::isinf(d.target_error)) {
+    fail_invalid("target_error is {}; it must be 0 or a positive number", d.target_error);
+  }
+  if (!(d.time_limit_s >= 0) || std::isinf(d.time_limit_s)) {
+    fail_invalid("time_limit_s is {}; it must be 0 or a positive number", d.time_limit_s);
+  }
+  if (d.max_depth == 0) d.max_depth = default_max_depth;
+  if (d.samples_per_pixel == 0 && d.target_error == 0 && d.time_limit_s == 0) {
+    d.samples_per_pixel = default_samples_per_pixel;
+    plan.reason += fmt::format("; {} samples per pixel: the default", default_samples_per_pixel);
+  }
+  return plan;
+}
+
+}  // namespace gpurt
