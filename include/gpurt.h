@@ -147,6 +147,7 @@ GPURT_API gpurt_result gpurt_device_enumerate(gpurt_device_properties *devices, 
  *  age rules out; DEVICE where there is no such device or the driver fails.
  */
 GPURT_API gpurt_result gpurt_device_create(const gpurt_device_desc *desc, gpurt_device *out_device);
+/** Adds a reference, or takes one away. With the last one the handle is stale; what was made from the device lives on. */
 GPURT_API gpurt_result gpurt_device_retain(gpurt_device device);
 GPURT_API gpurt_result gpurt_device_release(gpurt_device device);
 
@@ -174,7 +175,11 @@ typedef struct gpurt_buffer_desc {
 } gpurt_buffer_desc;
 #define GPURT_BUFFER_DESC_INIT {sizeof(gpurt_buffer_desc), GPURT_STORAGE_HOST, 0, NULL, NULL, NULL}
 
-/** Creates a buffer, or wraps the caller's memory. Errors: INVALID_ARGUMENT; OUT_OF_MEMORY. */
+/** Creates a buffer, or wraps the caller's memory.
+ *
+ *  The release function is called when the last reader is gone, scenes included; where this call fails, never.
+ *  Errors: INVALID_ARGUMENT; OUT_OF_MEMORY.
+ */
 GPURT_API gpurt_result gpurt_buffer_create(gpurt_device device, const gpurt_buffer_desc *desc,
                                            gpurt_buffer *out_buffer);
 GPURT_API gpurt_result gpurt_buffer_retain(gpurt_buffer buffer);
@@ -183,7 +188,8 @@ GPURT_API gpurt_result gpurt_buffer_release(gpurt_buffer buffer);
 /** The address (host or device, by its storage) and size of a buffer; valid while the buffer lives. */
 GPURT_API gpurt_result gpurt_buffer_get_data(gpurt_buffer buffer, void **out_data, uint64_t *out_size_bytes);
 
-/** An array for gpurt to read: host memory that is copied during the call, or part of a shared buffer. */
+/** An array for gpurt to read: host memory that is copied during the call, or part of a shared buffer, whose contents
+ *  must not change while the scene needs it. All zero: no array. */
 typedef struct gpurt_array {
   const void *data;      /* host memory, or NULL */
   gpurt_buffer buffer;   /* or a buffer of the scene's device; retained while the scene needs it */
@@ -362,7 +368,7 @@ typedef struct gpurt_light_desc {
 #define GPURT_LIGHT_DESC_INIT \
   {sizeof(gpurt_light_desc), GPURT_LIGHT_POINT, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}, 0, 0}
 
-/** Adds a light without extent. Lamps with extent are materials that emit. */
+/** Adds a light without extent; ids count from 0. Lamps with extent are materials that emit. Errors: INVALID_ARGUMENT. */
 GPURT_API gpurt_result gpurt_scene_add_light(gpurt_scene scene, const gpurt_light_desc *desc, uint32_t *out_light);
 
 typedef struct gpurt_environment_desc {
@@ -375,7 +381,7 @@ typedef struct gpurt_environment_desc {
 /** Sets the radiance that comes from infinity.
  *
  *  World direction (x, y, z) of unit length is looked up at u = atan2(x, -z) / (2 pi) mod 1, v = acos(y) / pi;
- *  u wraps, v is clamped, filtered bilinearly.
+ *  u wraps, v is clamped, filtered bilinearly. Errors: INVALID_ARGUMENT.
  */
 GPURT_API gpurt_result gpurt_scene_set_environment(gpurt_scene scene, const gpurt_environment_desc *desc);
 
@@ -409,7 +415,7 @@ GPURT_API gpurt_result gpurt_scene_get_camera(gpurt_scene scene, uint32_t camera
 /* ---- Commit ------------------------------------------------------------ */
 
 typedef enum gpurt_accel {
-  GPURT_ACCEL_AUTO = 0,   /* CPU: embree; CUDA: kdtree */
+  GPURT_ACCEL_AUTO = 0,   /* CUDA: kdtree; CPU: embree, unless an imported tree or a setting of the kdtree is there */
   GPURT_ACCEL_KDTREE = 1, /* the same bits on every backend */
   GPURT_ACCEL_EMBREE = 2, /* CPU alone; no leak and t within a stated bound, not the same bits */
   GPURT_ACCEL_BVH = 3,    /* this version: UNSUPPORTED */
@@ -467,7 +473,7 @@ typedef struct gpurt_scene_facts {
   uint32_t has_environment;
   uint32_t has_glass;
   uint32_t has_alpha_masks;
-  uint32_t is_committed;
+  uint32_t is_committed;       /* 1: a commit is in force, which later changes may not be part of */
   /* what the last commit built; zero before it */
   gpurt_accel accel;
   gpurt_triangle_test triangle_test;
@@ -482,7 +488,8 @@ typedef struct gpurt_scene_facts {
 } gpurt_scene_facts;
 #define GPURT_SCENE_FACTS_INIT {sizeof(gpurt_scene_facts), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}, {0}, 0, 0, 0, 0, GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0}
 
-/** Reads counts and facts of a scene; before the first commit what the commit adds is zero. */
+/** Reads counts and facts of a scene: of the description as it is now, but triangles, patches and bounds as of the
+ *  last commit. Before the first commit what a commit adds is zero. */
 GPURT_API gpurt_result gpurt_scene_get_facts(gpurt_scene scene, gpurt_scene_facts *out_facts);
 
 /* ---- Tree exchange ------------------------------------------------------ */
@@ -568,7 +575,7 @@ typedef struct gpurt_trace_desc {
   gpurt_storage storage;   /* where rays, hits, occluded and offsets lie */
   uint64_t num_rays;
   const gpurt_ray *rays;   /* [num_rays] */
-  void *hits;              /* CLOSEST: [num_rays]; ALL: [hit_capacity] or NULL to count; ANY: NULL */
+  void *hits;              /* CLOSEST: [num_rays]; ALL: [hit_capacity] or NULL to count; ANY: NULL. Not the rays' memory */
   uint8_t *occluded;       /* ANY: [num_rays]; else NULL */
   uint64_t *offsets;       /* ALL: [num_rays + 1]; ray i has hits offsets[i] .. offsets[i + 1]; else NULL */
   uint64_t hit_capacity;   /* ALL: elements that hits has room for */

@@ -23,6 +23,21 @@ uint64_t own_bytes(const CompiledScene &compiled)
   return compiled.bytes() - shared;
 }
 
+// A lower bound of that, known before anything is allocated: what meshes in use take. Patches and lights come on top.
+uint64_t own_bytes_at_least(const SceneData &data)
+{
+  std::vector<bool> is_used(data.geometries.size());
+  for (const InstanceData &instance : data.instances) is_used[instance.geometry] = true;
+  uint64_t sum = 0;
+  for (size_t g = 0; g < data.geometries.size(); ++g) {
+    if (!is_used[g]) continue;
+    const MeshData &mesh = data.geometries[g].mesh;
+    sum += (mesh.vertices.size() + mesh.normals.size()) * sizeof(Vec3f) + mesh.uvs.size() * sizeof(Vec2f) +
+           mesh.indices.size() * (sizeof(UInt3) + sizeof(uint32_t));
+  }
+  return sum;
+}
+
 // Memory of the caller can change behind our back: what lies in it obeys the rules only as long as it is left alone.
 void recheck_shared_geometries(const Scene &scene)
 {
@@ -81,8 +96,9 @@ std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build
   const auto commit = std::make_shared<Commit>();
   commit->device = scene.device;
   commit->accel_reason = plan.reason;
+  commit->reservation = Reservation(device.memory(), own_bytes_at_least(scene.data), "the committed scene");
   auto compiled = std::make_shared<CompiledScene>(compile_scene(scene.data, desc.patch_tolerance));
-  commit->reservation = Reservation(device.memory(), own_bytes(*compiled), "the committed scene");
+  commit->reservation.resize(own_bytes(*compiled), "the committed scene");
   if (plan.options.accel == Accel::KdTree) {
     for (const auto &[tree, imported] : scene.imported_trees) {
       check_imported_tree(*compiled, tree, *imported);

@@ -175,6 +175,10 @@ void Job::run()
   } catch (const std::exception &e) {
     result = GPURT_ERROR_INTERNAL;
     error = fmt::format("rendering failed: {}", e.what());
+  } catch (...) {
+    // Of no type of ours: the caller's progress function can throw anything.
+    result = GPURT_ERROR_INTERNAL;
+    error = "rendering failed: an exception of unknown type";
   }
   {
     const std::scoped_lock lock(frame_->jobs_mutex_);

@@ -74,6 +74,38 @@ TEST(Lifetimes, ReleaseCancelsAJobThatRuns)
       << gpurt_result_name(waited);
 }
 
+// What a C++ caller's callbacks throw ends nowhere but in a result.
+TEST(Lifetimes, CallbacksThatThrow)
+{
+  gpurt_device_desc device_desc = GPURT_DEVICE_DESC_INIT;
+  device_desc.type = GPURT_DEVICE_CPU;
+  device_desc.log = [](void *, gpurt_log_level, const char *) { throw 1; };
+  Device device;
+  GPURT_ASSERT_OK(gpurt_device_create(&device_desc, device.out()));
+  const Scene scene = make_triangle_scene(device);
+  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+  build.accel = GPURT_ACCEL_EMBREE;
+  build.max_depth = 3;  // warns
+  GPURT_EXPECT_OK(gpurt_scene_commit(scene, &build));
+
+  float data[4];
+  gpurt_buffer_desc buffer_desc = GPURT_BUFFER_DESC_INIT;
+  buffer_desc.data = data;
+  buffer_desc.size_bytes = sizeof data;
+  buffer_desc.release = [](void *, void *) { throw 2; };
+  gpurt_buffer buffer;
+  GPURT_ASSERT_OK(gpurt_buffer_create(device, &buffer_desc, &buffer));
+  GPURT_EXPECT_OK(gpurt_buffer_release(buffer));
+
+  const Frame frame = make_frame(scene, {8, 8, 1});
+  gpurt_render_desc render_desc = GPURT_RENDER_DESC_INIT;
+  render_desc.samples_per_pixel = 1;
+  render_desc.progress = [](void *, double, double) { throw 3; };
+  Job job;
+  GPURT_ASSERT_OK(gpurt_frame_submit(frame, &render_desc, nullptr, 0, job.out()));
+  EXPECT_EQ(gpurt_job_wait(job, GPURT_WAIT_FOREVER), GPURT_ERROR_INTERNAL) << gpurt_last_error();
+}
+
 struct Released {
   std::atomic<int> count{0};
   void *data = nullptr;
