@@ -715,6 +715,33 @@ GPURT_API gpurt_result gpurt_frame_merge(gpurt_frame frame, gpurt_frame other);
 /** Adds the samples of a .gpurt file to `frame`. Errors: as gpurt_frame_merge; IO for a damaged file. */
 GPURT_API gpurt_result gpurt_frame_load_state(gpurt_frame frame, const char *path);
 
+typedef struct gpurt_state_info {
+  uint32_t struct_size; /* set by GPURT_STATE_INFO_INIT */
+  /* of the frame's description */
+  uint32_t width;
+  uint32_t height;
+  uint32_t camera;
+  uint32_t outputs;
+  uint32_t frame_index;
+  uint64_t seed;
+  uint64_t first_sample;
+  /* of its samples */
+  uint64_t num_samples; /* in all pixels together */
+  uint64_t scene_hash;
+  gpurt_pipeline pipeline; /* AUTO: no samples yet */
+  gpurt_accel accel;
+  gpurt_triangle_test triangle_test;
+  uint32_t max_depth; /* 0: no samples yet */
+} gpurt_state_info;
+#define GPURT_STATE_INFO_INIT \
+  {sizeof(gpurt_state_info), 0, 0, 0, 0, 0, 0, 0, 0, 0, GPURT_PIPELINE_AUTO, GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0}
+
+/** Reads what a .gpurt file is the state of: how to create and build a frame that can load it.
+ *
+ *  Reads the head of the file alone. Errors: INVALID_ARGUMENT; IO for a foreign or damaged file.
+ */
+GPURT_API gpurt_result gpurt_state_read_info(const char *path, gpurt_state_info *out_info);
+
 typedef struct gpurt_statistics {
   uint32_t struct_size; /* set by GPURT_STATISTICS_INIT */
   /* resolved settings of the last job */

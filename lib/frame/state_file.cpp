@@ -192,6 +192,34 @@ uint64_t array_bytes(const FrameSettings &settings)
          num_pixels(settings) * sizeof(uint32_t);
 }
 
+Header read_header(const std::string &path, Reader &file)
+{
+  Header h{};
+  if (file.size_bytes() < sizeof h)
+    fail(GPURT_ERROR_IO, "{}: not a gpurt state file: only {} bytes long", path, file.size_bytes());
+  file.read(&h, sizeof h);
+  if (std::memcmp(h.magic, magic, sizeof magic) != 0)
+    fail(GPURT_ERROR_IO, "{}: not a gpurt state file", path);
+  if (h.format_version != format_version) {
+    fail(GPURT_ERROR_IO, "{}: has format version {}; this library reads {}", path, h.format_version,
+         format_version);
+  }
+  if (h.library_version != library_version) {
+    const uint32_t theirs = h.library_version, ours = library_version;
+    fail(GPURT_ERROR_IO,
+         "{}: was written by gpurt {}.{}.{}; only that version can continue or merge it, this is {}.{}.{}",
+         path, theirs >> 16, theirs >> 8 & 0xff, theirs & 0xff, ours >> 16, ours >> 8 & 0xff, ours & 0xff);
+  }
+  file.expect_checksum();
+  // Sizes are below 2^16 each, so that products of them cannot overflow.
+  if (h.width == 0 || h.height == 0 || h.width > max_frame_size || h.height > max_frame_size ||
+      h.outputs >> GPURT_OUTPUT_COUNT != 0) {
+    fail(GPURT_ERROR_IO, "{}: damaged: {} x {} pixels and outputs {:#x} are not those of a frame", path,
+         h.width, h.height, h.outputs);
+  }
+  return h;
+}
+
 SampleSets read_sets(const std::string &path, Reader &file)
 {
   const auto refuse = [&] {
@@ -269,32 +297,20 @@ void write_state(const std::string &path, const FrameState &header, const RowSou
   file.commit();
 }
 
+FrameState read_state_header(const std::string &path)
+{
+  Reader file(path);
+  return state_from(read_header(path, file));
+}
+
 LoadedState read_state(const std::string &path, const std::shared_ptr<MemoryTracker> &memory,
                        const std::function<void(const FrameState &header)> &check)
 {
   Reader file(path);
-  Header h{};
-  if (file.size_bytes() < sizeof h)
-    fail(GPURT_ERROR_IO, "{}: not a gpurt state file: only {} bytes long", path, file.size_bytes());
-  file.read(&h, sizeof h);
-  if (std::memcmp(h.magic, magic, sizeof magic) != 0)
-    fail(GPURT_ERROR_IO, "{}: not a gpurt state file", path);
-  if (h.format_version != format_version) {
-    fail(GPURT_ERROR_IO, "{}: has format version {}; this library reads {}", path, h.format_version,
-         format_version);
-  }
-  if (h.library_version != library_version) {
-    const uint32_t theirs = h.library_version, ours = library_version;
-    fail(GPURT_ERROR_IO,
-         "{}: was written by gpurt {}.{}.{}; only that version can continue or merge it, this is {}.{}.{}",
-         path, theirs >> 16, theirs >> 8 & 0xff, theirs & 0xff, ours >> 16, ours >> 8 & 0xff, ours & 0xff);
-  }
-  file.expect_checksum();
+  const Header h = read_header(path, file);
   LoadedState loaded{state_from(h), {}};
   FrameState &state = loaded.state;
-  // Sizes are below 2^16 each, so that the products below cannot overflow.
-  if (h.width == 0 || h.height == 0 || h.width > max_frame_size || h.height > max_frame_size ||
-      h.outputs >> GPURT_OUTPUT_COUNT != 0 || file.remaining_bytes() < array_bytes(state.settings)) {
+  if (file.remaining_bytes() < array_bytes(state.settings)) {
     fail(GPURT_ERROR_IO, "{}: damaged: {} bytes do not hold a frame of {} x {} pixels", path,
          file.size_bytes(), h.width, h.height);
   }

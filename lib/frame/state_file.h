@@ -25,6 +25,9 @@ using RowSource = std::function<void(uint32_t y, const std::function<void(const 
 void write_state(const std::string &path, const FrameState &header, const RowSource &rows,
                  const std::function<SampleSets()> &sets);
 
+/// Reads the head of a file alone: everything but the arrays. Throws IO.
+FrameState read_state_header(const std::string &path);
+
 /// Reads a file. `check` sees the header before memory for the arrays is taken from `memory`, and throws where the
 /// state is not wanted. Throws IO with one line for a file that is foreign, damaged or of another version.
 struct LoadedState {

@@ -1,0 +1,271 @@
+#include "options.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+
+namespace cli {
+
+namespace {
+
+struct Named {
+  const char *name;
+  uint32_t value;
+};
+
+constexpr Named accels[] = {{"auto", GPURT_ACCEL_AUTO},
+                            {"kdtree", GPURT_ACCEL_KDTREE},
+                            {"embree", GPURT_ACCEL_EMBREE},
+                            {"bvh", GPURT_ACCEL_BVH}};
+constexpr Named tests[] = {{"watertight", GPURT_TRIANGLE_WATERTIGHT},
+                           {"moller-trumbore", GPURT_TRIANGLE_MOLLER_TRUMBORE},
+                           {"double", GPURT_TRIANGLE_DOUBLE}};
+constexpr Named pipelines[] = {{"auto", GPURT_PIPELINE_AUTO},
+                               {"path", GPURT_PIPELINE_PATH},
+                               {"photon", GPURT_PIPELINE_PHOTON},
+                               {"reyes", GPURT_PIPELINE_REYES},
+                               {"hybrid", GPURT_PIPELINE_HYBRID}};
+constexpr Named outputs[] = {{"color", GPURT_OUTPUT_COLOR},          {"alpha", GPURT_OUTPUT_ALPHA},
+                             {"depth", GPURT_OUTPUT_DEPTH},          {"normal", GPURT_OUTPUT_NORMAL},
+                             {"albedo", GPURT_OUTPUT_ALBEDO},        {"position", GPURT_OUTPUT_POSITION},
+                             {"primitive", GPURT_OUTPUT_PRIMITIVE},  {"instance", GPURT_OUTPUT_INSTANCE},
+                             {"samples", GPURT_OUTPUT_SAMPLE_COUNT}, {"variance", GPURT_OUTPUT_VARIANCE}};
+
+template <size_t n>
+const char *name_in(const Named (&names)[n], uint32_t value)
+{
+  for (const Named &named : names) {
+    if (named.value == value) return named.name;
+  }
+  return "unknown";
+}
+
+template <size_t n>
+uint32_t value_in(const Named (&names)[n], const std::string &name, const char *option)
+{
+  std::string known;
+  for (const Named &named : names) {
+    if (named.name == name) return named.value;
+    known += fmt::format("{}{}", known.empty() ? "" : ", ", named.name);
+  }
+  fail_usage("{} does not know \"{}\"; it knows {}", option, name, known);
+}
+
+template <size_t n>
+CLI::IsMember one_of(const Named (&names)[n])
+{
+  std::vector<std::string> known;
+  for (const Named &named : names) known.emplace_back(named.name);
+  return CLI::IsMember(known);
+}
+
+void print_message(void *, gpurt_log_level level, const char *message)
+{
+  if (level <= GPURT_LOG_WARNING)
+    fmt::print(stderr, "gpurt: {}: {}\n", level == GPURT_LOG_ERROR ? "error" : "warning", message);
+}
+
+}  // namespace
+
+void DeviceOptions::add_to(CLI::App &command)
+{
+  const auto check_device = [](const std::string &text) {
+    const bool is_ordinal =
+        text.rfind("cuda:", 0) == 0 && text.size() > 5 && text.size() < 12 &&
+        std::all_of(text.begin() + 5, text.end(), [](unsigned char c) { return std::isdigit(c); });
+    return text == "auto" || text == "cpu" || text == "cuda" || is_ordinal
+               ? std::string()
+               : "is none of auto, cpu, cuda and cuda:N";
+  };
+  command
+      .add_option("--device", device, "auto (a CUDA device that works, else the CPU), cpu, cuda or cuda:N")
+      ->check(CLI::Validator(check_device, "DEVICE"))
+      ->type_name("DEVICE")
+      ->capture_default_str();
+  command.add_option("--threads", threads, "CPU worker threads; 0: all")->capture_default_str();
+  command
+      .add_option("--memory-limit", memory_limit, "fail rather than hold more than this, such as 4G or 512M")
+      ->type_name("SIZE");
+  command.add_flag("-q,--quiet", quiet, "print nothing but errors");
+}
+
+Device DeviceOptions::create(gpurt_device_type type) const
+{
+  gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
+  if (type != GPURT_DEVICE_AUTO) desc.type = type;
+  else if (device == "cpu") desc.type = GPURT_DEVICE_CPU;
+  else if (device != "auto") desc.type = GPURT_DEVICE_CUDA;
+  if (device.size() > 5) desc.ordinal = uint32_t(std::stoul(device.substr(5)));
+  desc.num_threads = threads;
+  if (!memory_limit.empty()) desc.memory_limit_bytes = parse_bytes(memory_limit, "--memory-limit");
+  if (!quiet) desc.log = print_message;
+  Device created;
+  check(gpurt_device_create(&desc, created.out()));
+  return created;
+}
+
+void BuildOptions::add_to(CLI::App &command)
+{
+  command
+      .add_option("--accel", accel,
+                  "acceleration structure: auto, kdtree (same bits on every device), embree (CPU) or bvh")
+      ->check(one_of(accels))
+      ->type_name("NAME")
+      ->capture_default_str();
+  command
+      .add_option("--triangle-test", triangle_test,
+                  "watertight, moller-trumbore (leaks at edges) or double (kdtree)")
+      ->check(one_of(tests))
+      ->type_name("NAME")
+      ->capture_default_str();
+  command
+      .add_option("--tree-cache", tree_cache,
+                  "read the kd-tree from this file if it fits the scene, else write it")
+      ->type_name("FILE");
+}
+
+gpurt_build_desc BuildOptions::desc() const
+{
+  gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
+  desc.accel = gpurt_accel(value_in(accels, accel, "--accel"));
+  desc.triangle_test = gpurt_triangle_test(value_in(tests, triangle_test, "--triangle-test"));
+  if (!tree_cache.empty()) desc.tree_cache_path = tree_cache.c_str();
+  return desc;
+}
+
+Scene load_scene(gpurt_device device, const std::string &path)
+{
+  Scene scene;
+  check(gpurt_scene_load(device, path.c_str(), scene.out()));
+  return scene;
+}
+
+void commit(gpurt_scene scene, const BuildOptions &options)
+{
+  const gpurt_build_desc desc = options.desc();
+  check(gpurt_scene_commit(scene, &desc));
+}
+
+gpurt_scene_facts facts_of(gpurt_scene scene)
+{
+  gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
+  check(gpurt_scene_get_facts(scene, &facts));
+  return facts;
+}
+
+gpurt_device_properties properties_of(gpurt_device device)
+{
+  gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
+  check(gpurt_device_get_properties(device, &properties));
+  return properties;
+}
+
+bool add_default_camera(gpurt_scene scene, const BuildOptions &options)
+{
+  const gpurt_scene_facts facts = facts_of(scene);
+  if (facts.num_cameras > 0) return false;
+  // From the front, above and to the right, at the distance from which the sphere around the bounds fills the view.
+  double center[3], radius2 = 0;
+  for (int c = 0; c < 3; ++c) {
+    const double lo = facts.bounds_min[c], hi = facts.bounds_max[c];
+    if (!(lo <= hi)) fail("the scene has no camera and nothing to look at");
+    center[c] = 0.5 * (lo + hi);
+    radius2 += 0.25 * (hi - lo) * (hi - lo);
+  }
+  const double radius = radius2 > 0 ? std::sqrt(radius2) : 1;
+  const double yfov = 0.7, distance = radius / std::sin(0.5 * yfov);
+  const double z[3] = {0.48, 0.36, 0.8};  // towards the viewer, unit length
+  const double x_length = std::hypot(z[2], z[0]), x[3] = {z[2] / x_length, 0, -z[0] / x_length};
+  const double y[3] = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]};
+  gpurt_camera_desc camera = GPURT_CAMERA_DESC_INIT;
+  camera.yfov_rad = float(yfov);
+  for (int row = 0; row < 3; ++row) {
+    camera.transform[4 * row] = float(x[row]);
+    camera.transform[4 * row + 1] = float(y[row]);
+    camera.transform[4 * row + 2] = float(z[row]);
+    camera.transform[4 * row + 3] = float(center[row] + distance * z[row]);
+  }
+  uint32_t id;
+  check(gpurt_scene_add_camera(scene, &camera, &id));
+  commit(scene, options);
+  return true;
+}
+
+uint64_t parse_bytes(const std::string &text, const char *option)
+{
+  double value = 0;
+  const char *end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, value);
+  std::string unit(rest, end);
+  for (char &c : unit) c = char(std::toupper(static_cast<unsigned char>(c)));
+  if (unit.size() > 1 && unit.ends_with("IB")) unit.resize(unit.size() - 2);
+  else if (unit.size() > 1 && unit.ends_with("B")) unit.resize(unit.size() - 1);
+  const std::string units = "KMGT";
+  const size_t power = unit.empty() || unit == "B" ? 0 : unit.size() == 1 ? units.find(unit[0]) + 1 : 0;
+  const bool has_unit =
+      unit.empty() || unit == "B" || (unit.size() == 1 && units.find(unit[0]) != std::string::npos);
+  const double bytes = std::ldexp(value, int(10 * power));
+  if (error != std::errc() || !has_unit || !(bytes >= 1) || bytes >= 0x1p63) {
+    fail_usage("{} is \"{}\"; write a size such as 512M, 4G or 1.5GiB", option, text);
+  }
+  return uint64_t(bytes);
+}
+
+std::string format_bytes(uint64_t bytes)
+{
+  constexpr std::array units = {"B", "KiB", "MiB", "GiB", "TiB"};
+  double value = double(bytes);
+  size_t unit = 0;
+  while (value >= 1024 && unit + 1 < units.size()) {
+    value /= 1024;
+    unit++;
+  }
+  return unit == 0 ? fmt::format("{} B", bytes)
+                   : fmt::format("{:.{}f} {}", value,
+                                 value < 10    ? 2
+                                 : value < 100 ? 1
+                                               : 0,
+                                 units[unit]);
+}
+
+uint32_t parse_outputs(const std::vector<std::string> &names)
+{
+  uint32_t bits = 0;
+  for (const std::string &name : names) {
+    if (name == "all") {
+      for (const Named &output : outputs) bits |= 1u << output.value;
+    } else {
+      bits |= 1u << value_in(outputs, name, "--aov");
+    }
+  }
+  return bits;
+}
+
+const char *name_of(gpurt_accel accel) { return name_in(accels, accel); }
+const char *name_of(gpurt_triangle_test test) { return name_in(tests, test); }
+const char *name_of(gpurt_pipeline pipeline) { return name_in(pipelines, pipeline); }
+const char *name_of(gpurt_device_type type)
+{
+  return type == GPURT_DEVICE_CPU ? "cpu" : type == GPURT_DEVICE_CUDA ? "cuda" : "auto";
+}
+
+std::string extension_of(const std::string &path)
+{
+  std::string extension = std::filesystem::path(path).extension().string();
+  for (char &c : extension) c = char(std::tolower(static_cast<unsigned char>(c)));
+  return extension;
+}
+
+void check_folder_of(const std::string &path)
+{
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  std::error_code error;
+  if (!folder.empty() && !std::filesystem::is_directory(folder, error))
+    fail("{}: the folder {} does not exist", path, folder.string());
+  if (std::filesystem::is_directory(path, error)) fail("{}: is a folder", path);
+}
+
+}  // namespace cli

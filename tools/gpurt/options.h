@@ -1,0 +1,58 @@
+// Options that several commands have, and what they mean to the library.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "cli.h"
+
+namespace cli {
+
+/// --device, --threads, --memory-limit.
+struct DeviceOptions {
+  std::string device = "auto";
+  uint32_t threads = 0;
+  std::string memory_limit;
+  bool quiet = false;
+
+  void add_to(CLI::App &command);
+  /// `type` in place of what --device says, unless it is AUTO.
+  Device create(gpurt_device_type type = GPURT_DEVICE_AUTO) const;
+};
+
+/// --accel, --triangle-test, --tree-cache.
+struct BuildOptions {
+  std::string accel = "auto";
+  std::string triangle_test = "watertight";
+  std::string tree_cache;
+
+  void add_to(CLI::App &command);
+  gpurt_build_desc desc() const;  // refers to tree_cache
+};
+
+Scene load_scene(gpurt_device device, const std::string &path);
+void commit(gpurt_scene scene, const BuildOptions &options);
+gpurt_scene_facts facts_of(gpurt_scene scene);
+gpurt_device_properties properties_of(gpurt_device device);
+
+/// Adds a camera that sees everything to a committed scene without cameras, and commits again. True if it did.
+bool add_default_camera(gpurt_scene scene, const BuildOptions &options);
+
+/// "4G", "512M", "1.5GiB", "1000000": bytes, with units of 1024. Throws a usage failure.
+uint64_t parse_bytes(const std::string &text, const char *option);
+std::string format_bytes(uint64_t bytes);
+
+/// Bits of gpurt_frame_desc.outputs for "normal,albedo" or "all". Throws a usage failure naming what is not known.
+uint32_t parse_outputs(const std::vector<std::string> &names);
+
+const char *name_of(gpurt_accel accel);
+const char *name_of(gpurt_triangle_test test);
+const char *name_of(gpurt_pipeline pipeline);
+const char *name_of(gpurt_device_type type);
+
+/// Lower-case extension with its dot, "" if there is none.
+std::string extension_of(const std::string &path);
+/// Fails before hours of work do: is the folder of this file there?
+void check_folder_of(const std::string &path);
+
+}  // namespace cli

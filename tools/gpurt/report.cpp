@@ -1,0 +1,144 @@
+#include "report.h"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "json.h"
+#include "options.h"
+#include "progress.h"
+
+namespace cli {
+
+gpurt_statistics statistics_of(gpurt_frame frame)
+{
+  gpurt_statistics statistics = GPURT_STATISTICS_INIT;
+  check(gpurt_frame_get_statistics(frame, &statistics));
+  return statistics;
+}
+
+void write_file(const std::string &path, const std::string &content)
+{
+  const std::string temporary = fmt::format("{}.tmp-{}", path, ::getpid());
+  std::FILE *file = std::fopen(temporary.c_str(), "wb");
+  bool is_good = file && std::fwrite(content.data(), 1, content.size(), file) == content.size();
+  if (file) is_good = std::fclose(file) == 0 && is_good;
+  if (is_good && std::rename(temporary.c_str(), path.c_str()) == 0) return;
+  const int error = errno;
+  std::remove(temporary.c_str());
+  fail("{}: cannot be written: {}", path, std::strerror(error));
+}
+
+Json to_json(const gpurt_device_properties &d)
+{
+  Json json = {{"type", name_of(d.type)},
+               {"ordinal", d.ordinal},
+               {"name", d.name},
+               {"instruction_set", d.instruction_set},
+               {"num_threads", d.num_threads},
+               {"memory_bytes", d.memory_bytes}};
+  if (d.type == GPURT_DEVICE_CUDA) json["compute_capability"] = d.compute_capability;
+  return json;
+}
+
+Json to_json(const gpurt_scene_facts &f)
+{
+  Json json = {{"geometries", f.num_geometries},
+               {"instances", f.num_instances},
+               {"materials", f.num_materials},
+               {"textures", f.num_textures},
+               {"cameras", f.num_cameras},
+               {"point_lights", f.num_point_lights},
+               {"distant_lights", f.num_distant_lights},
+               {"patches", f.num_patches},
+               {"triangles", f.num_triangles},
+               {"world_triangles", f.num_world_triangles},
+               {"emissive_triangles", f.num_emissive_triangles},
+               {"has_environment", f.has_environment != 0},
+               {"has_glass", f.has_glass != 0},
+               {"has_alpha_masks", f.has_alpha_masks != 0}};
+  if (f.bounds_min[0] <= f.bounds_max[0]) {
+    json["bounds_min"] = f.bounds_min;
+    json["bounds_max"] = f.bounds_max;
+  }
+  if (f.is_committed) {
+    json["accel"] = name_of(f.accel);
+    json["triangle_test"] = name_of(f.triangle_test);
+    json["accel_bytes"] = f.accel_bytes;
+    json["scene_bytes"] = f.scene_bytes;
+    json["nodes"] = f.num_nodes;
+    json["references"] = f.num_references;
+    json["tree_depth"] = f.tree_depth;
+    json["tree_from_cache"] = f.tree_from_cache != 0;
+    json["build_seconds"] = f.build_seconds;
+    json["sah_cost"] = f.sah_cost;
+  }
+  return json;
+}
+
+Json to_json(const gpurt_statistics &s)
+{
+  return {{"pipeline", name_of(s.pipeline)},
+          {"accel", name_of(s.accel)},
+          {"triangle_test", name_of(s.triangle_test)},
+          {"max_depth", s.max_depth},
+          {"tile_size", s.tile_size},
+          {"num_threads", s.num_threads},
+          {"width", s.width},
+          {"height", s.height},
+          {"seed", s.seed},
+          {"samples_per_pixel", s.samples_per_pixel},
+          {"num_samples", s.num_samples},
+          {"num_camera_rays", s.num_camera_rays},
+          {"num_bounce_rays", s.num_bounce_rays},
+          {"num_shadow_rays", s.num_shadow_rays},
+          {"num_nonfinite", s.num_nonfinite},
+          {"num_saturated", s.num_saturated},
+          {"render_seconds", s.render_seconds},
+          {"generate_seconds", s.generate_seconds},
+          {"trace_seconds", s.trace_seconds},
+          {"shade_seconds", s.shade_seconds},
+          {"shadow_seconds", s.shadow_seconds},
+          {"film_seconds", s.film_seconds},
+          {"build_seconds", s.build_seconds},
+          // Not known is no number.
+          {"estimated_error", s.estimated_error >= 0 ? Json(s.estimated_error) : Json(nullptr)},
+          {"largest_sample", s.largest_sample},
+          {"memory_peak_bytes", s.memory_peak_bytes},
+          {"reason", s.reason}};
+}
+
+void write_statistics(const std::string &path, const std::string &scene_path, gpurt_device device,
+                      gpurt_scene scene, gpurt_frame frame)
+{
+  const uint32_t v = gpurt_version();
+  const Json json = {{"gpurt", fmt::format("{}.{}.{}", v >> 16, v >> 8 & 0xff, v & 0xff)},
+                     {"scene", scene_path},
+                     {"device", to_json(properties_of(device))},
+                     {"facts", to_json(facts_of(scene))},
+                     {"statistics", to_json(statistics_of(frame))}};
+  write_file(path, json.dump(2) + "\n");
+}
+
+void print_summary(gpurt_device device, gpurt_frame frame, const std::vector<std::string> &outputs,
+                   const std::string &state)
+{
+  const gpurt_statistics s = statistics_of(frame);
+  const double rays = double(s.num_camera_rays + s.num_bounce_rays + s.num_shadow_rays);
+  fmt::print("{} x {} pixels, {} samples each, {} with {} on {}\n", s.width, s.height, s.samples_per_pixel,
+             name_of(s.pipeline), name_of(s.accel), properties_of(device).name);
+  fmt::print("rendered in {} ({:.2f} million rays/s), built in {}, peak memory {}\n",
+             format_seconds(s.render_seconds), s.render_seconds > 0 ? rays / s.render_seconds * 1e-6 : 0.0,
+             format_seconds(s.build_seconds), format_bytes(s.memory_peak_bytes));
+  if (s.estimated_error >= 0)
+    fmt::print("estimated relMSE {:.3g}, largest sample {:.4g}\n", s.estimated_error, s.largest_sample);
+  if (s.num_nonfinite > 0) fmt::print("{} samples were not finite and left out\n", s.num_nonfinite);
+  std::string files;
+  for (const std::string &path : outputs) files += (files.empty() ? "" : ", ") + path;
+  if (!state.empty()) files += (files.empty() ? "" : ", ") + state;
+  if (!files.empty()) fmt::print("wrote {}\n", files);
+}
+
+}  // namespace cli
