@@ -1,0 +1,152 @@
+//! The enums of the ABI.
+
+c_enum! {
+    /// The kind of a device.
+    DeviceType {
+        /// The first CUDA device that works, else the CPU.
+        Auto = GPURT_DEVICE_AUTO,
+        /// The CPU.
+        Cpu = GPURT_DEVICE_CPU,
+        /// A CUDA GPU.
+        Cuda = GPURT_DEVICE_CUDA,
+    }
+}
+
+c_enum! {
+    /// How much a log message matters.
+    LogLevel {
+        /// Something failed.
+        Error = GPURT_LOG_ERROR,
+        /// Something may not be as the caller expects.
+        Warning = GPURT_LOG_WARNING,
+        /// What the library does.
+        Info = GPURT_LOG_INFO,
+    }
+}
+
+c_enum! {
+    /// What lies beyond the edge of a texture.
+    Wrap {
+        /// The texture again.
+        Repeat = GPURT_WRAP_REPEAT,
+        /// The texels of the edge.
+        Clamp = GPURT_WRAP_CLAMP,
+        /// The texture, mirrored every other time.
+        Mirror = GPURT_WRAP_MIRROR,
+    }
+}
+
+c_enum! {
+    /// How a texture is looked up between texel centres.
+    Filter {
+        /// Bilinear, texel centres at (i + 0.5) / size.
+        Linear = GPURT_FILTER_LINEAR,
+        /// The texel that the point lies in.
+        Nearest = GPURT_FILTER_NEAREST,
+    }
+}
+
+c_enum! {
+    /// How a surface scatters light.
+    MaterialType {
+        /// Base colour / pi, on both sides.
+        Lambert = GPURT_MATERIAL_LAMBERT,
+        /// Perfect mirror, reflectance is the base colour.
+        Mirror = GPURT_MATERIAL_MIRROR,
+        /// Smooth dielectric, exact Fresnel; closed solids; base colour tints transmission.
+        Glass = GPURT_MATERIAL_GLASS,
+        /// GGX, alpha = roughness², separable Smith, Schlick Fresnel with F0 = base colour.
+        Metal = GPURT_MATERIAL_METAL,
+    }
+}
+
+c_enum! {
+    /// The rule of a subdivision surface.
+    SubdivisionScheme {
+        /// Quadrilaterals above all.
+        CatmullClark = GPURT_SUBDIVISION_CATMULL_CLARK,
+        /// Triangles.
+        Loop = GPURT_SUBDIVISION_LOOP,
+    }
+}
+
+c_enum! {
+    /// The projection of a camera.
+    CameraType {
+        /// Through a point.
+        Perspective = GPURT_CAMERA_PERSPECTIVE,
+        /// In parallel. This version of the library does not support it.
+        Orthographic = GPURT_CAMERA_ORTHOGRAPHIC,
+    }
+}
+
+c_enum! {
+    /// The acceleration structure of a scene.
+    Accel {
+        /// CPU: Embree; CUDA: kd-tree.
+        Auto = GPURT_ACCEL_AUTO,
+        /// The same bits on every backend.
+        Kdtree = GPURT_ACCEL_KDTREE,
+        /// CPU alone; no leak and t within a stated bound, not the same bits.
+        Embree = GPURT_ACCEL_EMBREE,
+        /// This version of the library does not support it.
+        Bvh = GPURT_ACCEL_BVH,
+    }
+}
+
+c_enum! {
+    /// The intersection test of a ray and a triangle.
+    TriangleTest {
+        /// Woop, Benthin and Wald 2013; Embree: its robust mode.
+        Watertight = GPURT_TRIANGLE_WATERTIGHT,
+        /// Leaks at edges; Embree: its fast mode.
+        MollerTrumbore = GPURT_TRIANGLE_MOLLER_TRUMBORE,
+        /// The watertight test in double precision; kd-tree alone.
+        Double = GPURT_TRIANGLE_DOUBLE,
+    }
+}
+
+c_enum! {
+    /// The method that renders.
+    Pipeline {
+        /// Path tracing, until there is a planner.
+        Auto = GPURT_PIPELINE_AUTO,
+        /// Path tracing.
+        Path = GPURT_PIPELINE_PATH,
+        /// Photon mapping. This version of the library does not support it.
+        Photon = GPURT_PIPELINE_PHOTON,
+        /// Micropolygons. This version of the library does not support it.
+        Reyes = GPURT_PIPELINE_REYES,
+        /// Micropolygons and rays. This version of the library does not support it.
+        Hybrid = GPURT_PIPELINE_HYBRID,
+    }
+}
+
+c_enum! {
+    /// What a frame keeps for each pixel; [`Frame::read`](crate::Frame::read) reads it as the type named
+    /// here.
+    Output {
+        /// `[f32; 3]`: radiance, the mean over samples.
+        Color = GPURT_OUTPUT_COLOR,
+        /// `f32`: share of samples whose eye ray hit something.
+        Alpha = GPURT_OUTPUT_ALPHA,
+        /// `f32`: distance from the camera's plane, first sample; infinite where nothing is hit.
+        Depth = GPURT_OUTPUT_DEPTH,
+        /// `[f32; 3]`: shading normal towards the viewer, the mean over samples.
+        Normal = GPURT_OUTPUT_NORMAL,
+        /// `[f32; 3]`: reflectance of the first surface, the mean over samples.
+        Albedo = GPURT_OUTPUT_ALBEDO,
+        /// `[f32; 3]`: world position, first sample; 0 where nothing is hit.
+        Position = GPURT_OUTPUT_POSITION,
+        /// `u32`: first sample; [`INVALID_ID`](crate::INVALID_ID) where nothing is hit.
+        Primitive = GPURT_OUTPUT_PRIMITIVE,
+        /// `u32`: first sample; [`INVALID_ID`](crate::INVALID_ID) where nothing is hit.
+        Instance = GPURT_OUTPUT_INSTANCE,
+        /// `u32`: number of samples.
+        SampleCount = GPURT_OUTPUT_SAMPLE_COUNT,
+        /// `[f32; 3]`: variance of the colour, from two independent halves.
+        Variance = GPURT_OUTPUT_VARIANCE,
+        /// This version of the library does not support it.
+        Time = GPURT_OUTPUT_TIME,
+    }
+}

@@ -1,0 +1,16 @@
+//! The safe API against the library.
+
+mod bits;
+mod errors;
+mod objects;
+mod render;
+mod room;
+mod trace;
+
+/// A folder of one test's own, empty.
+fn temporary_folder(name: &str) -> std::path::PathBuf {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
