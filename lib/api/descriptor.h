@@ -74,6 +74,7 @@ GPURT_STRUCT(gpurt_render_desc, GPURT_RENDER_DESC_INIT, offsetof(gpurt_render_de
 GPURT_STRUCT(gpurt_device_properties, GPURT_DEVICE_PROPERTIES_INIT);
 GPURT_STRUCT(gpurt_scene_facts, GPURT_SCENE_FACTS_INIT);
 GPURT_STRUCT(gpurt_statistics, GPURT_STATISTICS_INIT);
+GPURT_STRUCT(gpurt_state_info, GPURT_STATE_INFO_INIT);
 
 /// The caller's struct_size. Throws INVALID_ARGUMENT where no version of the struct can have that size.
 uint32_t checked_struct_size(const void *caller, const StructInfo &info, const char *what);

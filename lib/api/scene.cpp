@@ -5,6 +5,7 @@
 #include "api/descriptor.h"
 #include "api/guard.h"
 #include "planner/plan.h"
+#include "scene/gltf.h"
 #include "scene/validate.h"
 
 namespace gpurt::api {
@@ -21,6 +22,18 @@ uint64_t own_bytes(const CompiledScene &compiled)
   uint64_t shared = 0;
   for (const auto &texels : compiled.texture_data) shared += texels->size();
   return compiled.bytes() - shared;
+}
+
+// What a file brought.
+uint64_t description_bytes(const SceneData &data)
+{
+  uint64_t sum = 0;
+  for (const TextureData &texture : data.textures) sum += texture.texels->size();
+  for (const GeometryData &g : data.geometries) {
+    sum += (g.mesh.vertices.size() + g.mesh.indices.size() + g.mesh.normals.size()) * sizeof(Vec3f) +
+           g.mesh.uvs.size() * sizeof(Vec2f) + g.patches.control_points.size() * sizeof(Vec3f);
+  }
+  return sum;
 }
 
 // A lower bound of that, known before anything is allocated: what meshes in use take. Patches and lights come on top.
@@ -188,8 +201,10 @@ gpurt_result gpurt_scene_load(gpurt_device device, const char *path, gpurt_scene
     const auto parent = get(device, "device");
     require(path, "path");
     require(out_scene, "out_scene");
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "{}: this build does not read glTF; describe the scene with gpurt_scene_add_*", path);
+    const auto scene = std::make_shared<Scene>(parent);
+    scene->data = load_gltf(path, [&](const std::string &warning) { (*parent->log)(GPURT_LOG_WARNING, warning); });
+    scene->loaded_memory = Reservation(parent->memory(), description_bytes(scene->data), "the loaded scene");
+    *out_scene = publish<gpurt_scene>(scene);
   });
 }
 
