@@ -21,7 +21,9 @@ class MemoryTracker {
     const uint64_t before = used_.fetch_add(bytes);
     if (limit_ != 0 && before + bytes > limit_) {
       used_.fetch_sub(bytes);
-      fail(GPURT_ERROR_OUT_OF_MEMORY, "{} needs {} bytes, but {} of the memory limit of {} bytes are in use; raise memory_limit_bytes or make the scene or frame smaller",
+      fail(GPURT_ERROR_OUT_OF_MEMORY,
+           "{} needs {} bytes, but {} of the memory limit of {} bytes are in use; raise memory_limit_bytes "
+           "or make the scene or frame smaller",
            what, bytes, before, limit_);
     }
     uint64_t peak = peak_.load();
@@ -44,11 +46,14 @@ class MemoryTracker {
 class Reservation {
  public:
   Reservation() = default;
-  Reservation(std::shared_ptr<MemoryTracker> tracker, uint64_t bytes, const char *what) : tracker_(std::move(tracker)), bytes_(bytes)
+  Reservation(std::shared_ptr<MemoryTracker> tracker, uint64_t bytes, const char *what)
+      : tracker_(std::move(tracker)), bytes_(bytes)
   {
     if (tracker_) tracker_->reserve(bytes_, what);
   }
-  Reservation(Reservation &&other) noexcept : tracker_(std::move(other.tracker_)), bytes_(std::exchange(other.bytes_, 0)) {}
+  Reservation(Reservation &&other) noexcept
+      : tracker_(std::move(other.tracker_)), bytes_(std::exchange(other.bytes_, 0))
+  {}
   Reservation &operator=(Reservation &&other) noexcept
   {
     std::swap(tracker_, other.tracker_);
@@ -67,6 +72,12 @@ class Reservation {
     bytes_ = bytes;
   }
   uint64_t bytes() const { return bytes_; }
+  /// Leaves the bytes reserved for someone else to release.
+  void disown()
+  {
+    tracker_.reset();
+    bytes_ = 0;
+  }
 
  private:
   std::shared_ptr<MemoryTracker> tracker_;

@@ -2,7 +2,7 @@
 
 include/             includes no other part of the project
 lib/core             includes only lib/core
-lib/cpu, lib/cuda    include lib/*.h (backend.h), lib/core and what backend.h brings; never each other
+lib/cpu, lib/cuda    include lib/*.h (backend.h), lib/core, lib/accel and what backend.h brings; never each other
 lib/api/registry.cpp alone includes a backend
 tools, bindings, tests, examples, bench   include include/ and what lies in their own folder; tests/unit may
                      also include lib
@@ -21,8 +21,9 @@ BROUGHT_BY_BACKEND = {"core", "frame/film.h", "scene/compiled_scene.h", "scene/s
 ALLOWED = {
     "": BROUGHT_BY_BACKEND,
     "core": set(),
-    "cpu": BROUGHT_BY_BACKEND,
-    "cuda": BROUGHT_BY_BACKEND,
+    "accel": BROUGHT_BY_BACKEND,
+    "cpu": BROUGHT_BY_BACKEND | {"accel"},
+    "cuda": BROUGHT_BY_BACKEND | {"accel"},
     "frame": {"core", "image"},
     "image": {"core"},
     "scene": {"core", "image"},

@@ -9,7 +9,7 @@
 #include <random>
 
 #include "core/accel/trace.h"
-#include "cpu/accel/kd_build.h"
+#include "accel/kd_build.h"
 #include "cpu/committed_scene.h"
 #include "cpu/cpu_backend.h"
 

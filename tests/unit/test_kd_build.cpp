@@ -1,7 +1,7 @@
 // The kd-tree's structure: what builders promise whatever the input.
+#include "accel/kd_build.h"
+#include "accel/kd_check.h"
 #include "accel_test.h"
-#include "cpu/accel/kd_build.h"
-#include "cpu/accel/kd_check.h"
 
 namespace gpurt {
 namespace {

@@ -6,8 +6,8 @@
 #include <fstream>
 
 #include "accel_test.h"
-#include "cpu/accel/kd_cache.h"
-#include "cpu/accel/kd_check.h"
+#include "accel/kd_cache.h"
+#include "accel/kd_check.h"
 
 namespace gpurt {
 namespace {

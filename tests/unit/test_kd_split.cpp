@@ -5,7 +5,8 @@
 #include <random>
 #include <set>
 
-#include "cpu/accel/kd_split.h"
+#include "accel/isa.h"
+#include "accel/kd_split.h"
 
 namespace gpurt {
 namespace {
@@ -83,10 +84,10 @@ TEST_P(KdSplitSearch, FindsTheBestPlaneOfASweep)
     for (uint64_t budget : {uint64_t(8) * count, uint64_t(count) + count / 8}) {
       const double expected = best_cost(refs, cell, cost, budget);
       for (const char *isa : {"x86_64", "x86_64_v3", "generic"}) {
-        const CpuKernels *kernels = cpu_kernels(isa);
-        if (kernels == nullptr) continue;
+        if (!can_run_isa(isa)) continue;
         KdSplitScratch scratch;
-        const KdSplit split = find_split(kernels->build, refs.data(), count, cell, cost, budget, scratch);
+        const KdSplit split =
+            find_split(kd_build_kernels(isa), refs.data(), count, cell, cost, budget, scratch);
         // No split is looked for above the cost of a leaf.
         if (expected >= double(count)) {
           EXPECT_GE(split.cost, double(count) * (1 - 1e-5));
@@ -98,14 +99,14 @@ TEST_P(KdSplitSearch, FindsTheBestPlaneOfASweep)
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Sizes, KdSplitSearch, testing::ValuesIn([] {
-      std::vector<Case> cases;
-      for (uint32_t count : {1u, 2u, 3u, 9u, 33u, 64u, 65u, 200u, 1500u, 5000u, 70000u}) {
-        for (int kind = 0; kind < 5; ++kind) cases.push_back({count, kind});
-      }
-      return cases;
-    }()));
+INSTANTIATE_TEST_SUITE_P(Sizes, KdSplitSearch, testing::ValuesIn([] {
+                           std::vector<Case> cases;
+                           for (uint32_t count :
+                                {1u, 2u, 3u, 9u, 33u, 64u, 65u, 200u, 1500u, 5000u, 70000u}) {
+                             for (int kind = 0; kind < 5; ++kind) cases.push_back({count, kind});
+                           }
+                           return cases;
+                         }()));
 
 }  // namespace
 }  // namespace gpurt

@@ -10,7 +10,8 @@ constexpr int kd_max_depth = 48;
 
 // The layout of gpurt_kdtree_node. Inner: `word` is the bits of the plane, `tag` = first child << 2 | axis; the child
 // below the plane is first, the one above follows it. Leaf: `word` is the first reference, `tag` = count << 2 | 3.
-struct KdNode {
+// Aligned, so that one load reads it.
+struct alignas(8) KdNode {
   uint32_t word;
   uint32_t tag;
 };

@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <mutex>
 
+#include "accel/tracked_array.h"
 #include "core/accel/trace.h"
 #include "cpu/accel/accelerator.h"
 #include "cpu/accel/embree_api.h"
-#include "cpu/accel/tracked_array.h"
 
 namespace gpurt {
 namespace {

@@ -1,7 +1,7 @@
 // Exact test for triangles without area.
 #include <cmath>
 
-#include "cpu/accel/kd_build.h"
+#include "accel/kd_build.h"
 
 namespace gpurt {
 namespace {

@@ -1,4 +1,4 @@
-#include "cpu/accel/kd_check.h"
+#include "accel/kd_check.h"
 
 namespace gpurt {
 namespace {

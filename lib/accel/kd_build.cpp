@@ -1,4 +1,4 @@
-#include "cpu/accel/kd_build.h"
+#include "accel/kd_build.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
@@ -9,9 +9,10 @@
 #include <bit>
 #include <cmath>
 
-#include "cpu/accel/kd_clip.h"
-#include "cpu/accel/kd_split.h"
-#include "cpu/accel/tracked_array.h"
+#include "accel/isa.h"
+#include "accel/kd_clip.h"
+#include "accel/kd_split.h"
+#include "accel/tracked_array.h"
 
 namespace gpurt {
 namespace {
@@ -75,7 +76,7 @@ class Builder {
  public:
   Builder(const KdSource &source, const KdBuildSettings &settings,
           const std::shared_ptr<MemoryTracker> &memory)
-      : source_(source), memory_(memory), kernels_(cpu_kernels().build)
+      : source_(source), memory_(memory), kernels_(kd_build_kernels(isa_name()))
   {
     cost_.traversal_cost = settings.traversal_cost > 0 ? settings.traversal_cost : default_traversal_cost;
     cost_.empty_factor = 1.0f - (settings.empty_bonus < 0   ? 0.0f

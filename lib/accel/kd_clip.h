@@ -2,7 +2,7 @@
 // Source: Wald and Havran 2006, Section 3.2; Sutherland and Hodgman 1974.
 #pragma once
 
-#include "cpu/accel/kd_reference.h"
+#include "accel/kd_reference.h"
 
 namespace gpurt {
 

@@ -2,7 +2,7 @@
 // hold the best one are the ends sorted and swept.
 // Source: Wald and Havran 2006 for the sweep; Danilewski et al. 2010 for the counts.
 // Differs: the result is the exact sweep's, in linear time for all but a few slices.
-#include "cpu/accel/kd_split.h"
+#include "accel/kd_split.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>

@@ -1,4 +1,4 @@
-#include "cpu/accel/kd_cache.h"
+#include "accel/kd_cache.h"
 
 #include <unistd.h>
 

@@ -4,8 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "cpu/accel/kd_reference.h"
-#include "cpu/kernels.h"
+#include "accel/kd_build_kernels.h"
 
 namespace gpurt {
 

@@ -1,6 +1,5 @@
 // The inner loops of the split search, once per instruction set.
-#include "cpu/accel/kd_reference.h"
-#include "cpu/kernels.h"
+#include "accel/kd_build_kernels.h"
 
 // Vectors of eight floats are passed between inlined functions alone, so that no calling convention is concerned.
 #pragma GCC diagnostic ignored "-Wpsabi"

@@ -1,0 +1,47 @@
+// The query kernels as host code calls them.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include "core/accel/hit_ids.h"
+#include "core/accel/kd_accel.h"
+#include "core/scene/scene_view.h"
+
+namespace gpurt::cuda {
+
+/// What a query kernel reads; all pointers lead to device memory.
+struct TraceScene {
+  KdAccelView accel;
+  SceneView scene;
+  TriangleTest triangle_test;
+};
+
+/// How a closest hit is written: Hit, FullHit or CompactHit.
+enum class HitLayout : uint32_t { Internal, Full, Compact };
+
+/// Rays a launch may have at most: what a grid's first dimension counts, with room to spare.
+constexpr uint64_t max_rays_per_launch = uint64_t(1) << 30;
+
+// Each starts one kernel on the stream and returns. Rays and hits need the alignment of their members alone.
+void launch_closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays, HitLayout layout, void *hits,
+                    cudaStream_t stream);
+void launch_any(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint8_t *occluded,
+                cudaStream_t stream);
+/// The number of hits of every ray.
+void launch_count_all(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint64_t *counts,
+                      cudaStream_t stream);
+/// The hits of ray i to hits[offsets[i] - first_hit] and on, sorted.
+void launch_fill_all(const TraceScene &scene, const Ray *rays, uint64_t num_rays, const uint64_t *offsets,
+                     uint64_t first_hit, bool compact, void *hits, cudaStream_t stream);
+
+/// triangles[i] = the triangle references[i] of the group that begins at first_triangle.
+void launch_gather_leaf_triangles(const SceneView &scene, uint32_t first_triangle, const uint32_t *references,
+                                  uint64_t num_references, LeafTriangle *triangles, cudaStream_t stream);
+
+/// Bytes of scratch memory that scan_counts wants for n values.
+uint64_t scan_scratch_bytes(uint64_t n);
+/// sums[i] = base + counts[0] + ... + counts[i - 1]. `counts` and `sums` may be the same array.
+void scan_counts(const uint64_t *counts, uint64_t n, uint64_t base, uint64_t *sums, void *scratch,
+                 uint64_t scratch_bytes, cudaStream_t stream);
+
+}  // namespace gpurt::cuda

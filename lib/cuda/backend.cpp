@@ -1,0 +1,211 @@
+// The CUDA device: its scenes, its memory, and the list of what is there.
+#include <optional>
+
+#include "cuda/accel/device_kd_accel.h"
+#include "cuda/accel/query.h"
+#include "cuda/device_scene.h"
+#include "cuda/factory.h"
+#include "cuda/path/render.h"
+#include "cuda/probe.h"
+#include "error.h"
+
+namespace gpurt::cuda {
+namespace {
+
+// What kernels need: independent thread scheduling, and what NVIDIA's current compilers still compile for.
+constexpr uint32_t min_compute_capability = 75;
+
+// What scenes, frames and jobs of a device share; scenes keep it alive.
+struct SharedDevice {
+  DeviceInfo info;
+  std::shared_ptr<DeviceMemory> memory;
+  LanePool lanes;
+};
+
+class CudaScene final : public CommittedScene, public StreamTracing {
+ public:
+  CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
+            const KdTrees &trees, TriangleTest triangle_test)
+      : device_(std::move(device)), compiled_(std::move(compiled)), facts_(trees.facts)
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    const LaneLease lane = device_->lanes.acquire();
+    scene_.emplace(*compiled_, device_->memory, lane->stream());
+    accel_.emplace(*compiled_, scene_->view(), trees, device_->memory, lane->stream());
+    trace_scene_ = {accel_->view(), scene_->view(), triangle_test};
+    facts_.accel_bytes = accel_->bytes();
+  }
+
+  ~CudaScene() override
+  {
+    // Buffers go before the device; nothing runs on them, since every call waits for its work.
+    accel_.reset();
+    scene_.reset();
+  }
+
+  const AccelFacts &accel_facts() const override { return facts_; }
+
+  void trace(const TraceRequest &request) const override
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    trace_batch({trace_scene_, device_->memory, device_->lanes, slice_}, request);
+  }
+
+  void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event,
+                       void *done_event) const override
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    queue_batch({trace_scene_, device_->memory, device_->lanes, slice_}, request,
+                static_cast<cudaStream_t>(stream), static_cast<cudaEvent_t>(wait_event),
+                static_cast<cudaEvent_t>(done_event));
+  }
+
+  void render(const RenderPass &pass) const override
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    render_on_device(pass, trace_scene_, device_->memory, device_->lanes);
+  }
+
+  HostKdTree export_tree(uint32_t tree) const override
+  {
+    const size_t group = group_of_tree(*compiled_, tree);
+    const DeviceScope scope(device_->memory->ordinal());
+    const LaneLease lane = device_->lanes.acquire();
+    return accel_->download(group, lane->stream());
+  }
+
+ private:
+  std::shared_ptr<SharedDevice> device_;
+  std::shared_ptr<const CompiledScene> compiled_;
+  AccelFacts facts_;
+  std::optional<DeviceScene> scene_;
+  std::optional<DeviceKdAccel> accel_;
+  TraceScene trace_scene_{};
+  mutable SliceSize slice_;
+};
+
+class CudaBackend final : public Backend {
+ public:
+  CudaBackend(const DeviceInfo &info, const BackendOptions &options)
+      : device_(std::make_shared<SharedDevice>()), log_(options.log)
+  {
+    device_->info = info;
+    const DeviceScope scope(int(info.ordinal));
+    device_->memory = std::make_shared<DeviceMemory>(int(info.ordinal), options.memory_limit_bytes);
+  }
+
+  const DeviceInfo &info() const override { return device_->info; }
+  const std::shared_ptr<MemoryTracker> &memory() const override { return device_->memory->tracker(); }
+
+  std::shared_ptr<const CommittedScene> commit(std::shared_ptr<const CompiledScene> scene,
+                                               const BuildOptions &options) override
+  {
+    if (options.accel == Accel::Embree) {
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "embree is an accelerator of the CPU; on a CUDA device use kdtree or auto");
+    }
+    if (options.accel == Accel::Bvh) {
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "the bvh accelerator is not supported by this version; use kdtree or auto");
+    }
+    const KdTrees trees = build_kd_trees(*scene, options, nullptr, log_);
+    return std::make_shared<CudaScene>(device_, std::move(scene), trees, options.triangle_test);
+  }
+
+  std::shared_ptr<void> allocate(uint64_t bytes) override
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    auto buffer = std::make_shared<DeviceBuffer<std::byte>>(device_->memory, bytes, "a device buffer");
+    if (bytes != 0) {
+      const LaneLease lane = device_->lanes.acquire();
+      check(cudaMemsetAsync(buffer->data(), 0, bytes, lane->stream()), "cudaMemsetAsync");
+      lane->synchronize();
+    }
+    return std::shared_ptr<void>(buffer, buffer->data());
+  }
+
+  void copy_to_host(void *host, const void *device, uint64_t bytes) override
+  {
+    if (bytes == 0) return;
+    const DeviceScope scope(device_->memory->ordinal());
+    const LaneLease lane = device_->lanes.acquire();
+    lane->wait_for_default_stream();
+    check(cudaMemcpyAsync(host, device, bytes, cudaMemcpyDeviceToHost, lane->stream()), "cudaMemcpyAsync");
+    lane->synchronize();
+  }
+
+ private:
+  std::shared_ptr<SharedDevice> device_;
+  std::function<void(gpurt_log_level, const std::string &)> log_;
+};
+
+uint32_t compute_capability(const cudaDeviceProp &p) { return uint32_t(p.major * 10 + p.minor); }
+
+std::vector<DeviceInfo> enumerate()
+{
+  std::vector<DeviceInfo> devices;
+  int count = 0;
+  if (cudaGetDeviceCount(&count) != cudaSuccess) {
+    (void)cudaGetLastError();  // no driver, or no device: there is nothing to list
+    return devices;
+  }
+  for (int i = 0; i < count; ++i) {
+    cudaDeviceProp properties{};
+    if (cudaGetDeviceProperties(&properties, i) != cudaSuccess) {
+      (void)cudaGetLastError();
+      continue;
+    }
+    DeviceInfo info;
+    info.type = GPURT_DEVICE_CUDA;
+    info.ordinal = uint32_t(i);
+    info.num_threads = uint32_t(properties.multiProcessorCount);
+    info.memory_bytes = properties.totalGlobalMem;
+    info.compute_capability = compute_capability(properties);
+    info.name = properties.name;
+    info.instruction_set = fmt::format("sm_{}", info.compute_capability);
+    devices.push_back(std::move(info));
+  }
+  return devices;
+}
+
+std::unique_ptr<Backend> create(const BackendOptions &options)
+{
+  const std::vector<DeviceInfo> devices = enumerate();
+  const DeviceInfo *info = nullptr;
+  for (const DeviceInfo &d : devices) {
+    if (d.ordinal == options.ordinal) info = &d;
+  }
+  if (info == nullptr) {
+    if (devices.empty()) {
+      fail(GPURT_ERROR_DEVICE,
+           "there is no CUDA device: no driver was found or it shows none; check nvidia-smi and "
+           "CUDA_VISIBLE_DEVICES, or use the CPU device");
+    }
+    fail(GPURT_ERROR_DEVICE, "there is no CUDA device {}; there are {}, counted from 0", options.ordinal,
+         devices.size());
+  }
+  if (info->compute_capability < min_compute_capability) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "{} has compute capability {}.{}, and gpurt needs {}.{} or newer; use the CPU device", info->name,
+         info->compute_capability / 10, info->compute_capability % 10, min_compute_capability / 10,
+         min_compute_capability % 10);
+  }
+  const DeviceScope scope(int(info->ordinal));
+  if (!has_kernels_for_current_device()) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "this build of gpurt has no kernels for {} (compute capability {}.{}); build it with "
+         "-DCMAKE_CUDA_ARCHITECTURES={}",
+         info->name, info->compute_capability / 10, info->compute_capability % 10, info->compute_capability);
+  }
+  return std::make_unique<CudaBackend>(*info, options);
+}
+
+}  // namespace
+
+const BackendFactory &factory()
+{
+  static const BackendFactory cuda = {GPURT_DEVICE_CUDA, enumerate, create};
+  return cuda;
+}
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,94 @@
+#include "cuda/device_memory.h"
+
+#include "error.h"
+#include "memory.h"
+
+namespace gpurt::cuda {
+
+DeviceScope::DeviceScope(int ordinal)
+{
+  int current = -1;
+  check(cudaGetDevice(&current), "cudaGetDevice");
+  if (current == ordinal) return;
+  check(cudaSetDevice(ordinal), "cudaSetDevice");
+  caller_ = current;
+}
+
+DeviceScope::~DeviceScope()
+{
+  if (caller_ >= 0) ignore(cudaSetDevice(caller_));
+}
+
+DeviceMemory::DeviceMemory(int ordinal, uint64_t limit_bytes)
+    : ordinal_(ordinal), tracker_(std::make_shared<MemoryTracker>(limit_bytes))
+{
+  int has_pools = 0;
+  check(cudaDeviceGetAttribute(&has_pools, cudaDevAttrMemoryPoolsSupported, ordinal),
+        "cudaDeviceGetAttribute");
+  if (!has_pools) return;
+  check(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "cudaStreamCreateWithFlags");
+  cudaMemPoolProps properties{};
+  properties.allocType = cudaMemAllocationTypePinned;
+  properties.location.type = cudaMemLocationTypeDevice;
+  properties.location.id = ordinal;
+  check(cudaMemPoolCreate(&pool_, &properties), "cudaMemPoolCreate");
+  uint64_t keep_all = UINT64_MAX;
+  check(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &keep_all),
+        "cudaMemPoolSetAttribute");
+}
+
+DeviceMemory::~DeviceMemory()
+{
+  if (pool_ == nullptr) return;
+  ignore(cudaStreamSynchronize(stream_));
+  ignore(cudaMemPoolDestroy(pool_));
+  ignore(cudaStreamDestroy(stream_));
+}
+
+void *DeviceMemory::allocate(uint64_t bytes, const char *what)
+{
+  if (bytes == 0) return nullptr;
+  const DeviceScope scope(ordinal_);
+  Reservation reserved(tracker_, bytes, what);
+  void *data = nullptr;
+  cudaError_t status = cudaSuccess;
+  if (pool_ == nullptr) {
+    status = cudaMalloc(&data, bytes);
+  } else {
+    status = cudaMallocFromPoolAsync(&data, bytes, pool_, stream_);
+    if (status == cudaErrorMemoryAllocation) {
+      // Free blocks of other sizes may stand in the way: give them back to the device and try once more.
+      (void)cudaGetLastError();
+      check(cudaStreamSynchronize(stream_), "cudaStreamSynchronize");
+      check(cudaMemPoolTrimTo(pool_, 0), "cudaMemPoolTrimTo");
+      status = cudaMallocFromPoolAsync(&data, bytes, pool_, stream_);
+    }
+    if (status == cudaSuccess) status = cudaStreamSynchronize(stream_);
+  }
+  if (status == cudaErrorMemoryAllocation) {
+    (void)cudaGetLastError();
+    size_t free_bytes = 0, total_bytes = 0;
+    ignore(cudaMemGetInfo(&free_bytes, &total_bytes));
+    fail(GPURT_ERROR_OUT_OF_MEMORY,
+         "{} needs {} bytes, but {} of the device's {} bytes are free; make the scene or "
+         "batch smaller, or free memory that other programs hold on the device",
+         what, bytes, free_bytes, total_bytes);
+  }
+  check(status, "cudaMallocFromPoolAsync");
+  reserved.disown();
+  return data;
+}
+
+void DeviceMemory::free(void *data, uint64_t bytes) noexcept
+{
+  if (data == nullptr) return;
+  int caller = -1;
+  ignore(cudaGetDevice(&caller));
+  ignore(cudaSetDevice(ordinal_));
+  if (pool_ == nullptr) ignore(cudaFree(data));
+  else ignore(cudaFreeAsync(data, stream_));
+  if (caller >= 0 && caller != ordinal_) ignore(cudaSetDevice(caller));
+  tracker_->release(bytes);
+}
+
+}  // namespace gpurt::cuda

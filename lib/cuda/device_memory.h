@@ -1,0 +1,107 @@
+// Device memory of one backend, counted against its limit, and the one type that owns it.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <utility>
+
+#include "cuda/check.h"
+
+namespace gpurt {
+class MemoryTracker;  // lib/memory.h, whose error texts nvcc cannot read
+}
+
+namespace gpurt::cuda {
+
+/// Makes a device current for the calling thread, and the caller's current again at the end.
+class DeviceScope {
+ public:
+  explicit DeviceScope(int ordinal);
+  ~DeviceScope();
+  DeviceScope(const DeviceScope &) = delete;
+  DeviceScope &operator=(const DeviceScope &) = delete;
+
+ private:
+  int caller_ = -1;  // -1: nothing to restore
+};
+
+/// Where buffers come from. Freed blocks stay in a pool of the device for the next call, and go back to it before any
+/// allocation fails. Used from any thread.
+class DeviceMemory {
+ public:
+  /// The device `ordinal` must be current.
+  DeviceMemory(int ordinal, uint64_t limit_bytes);
+  ~DeviceMemory();
+  DeviceMemory(const DeviceMemory &) = delete;
+  DeviceMemory &operator=(const DeviceMemory &) = delete;
+
+  int ordinal() const { return ordinal_; }
+  const std::shared_ptr<MemoryTracker> &tracker() const { return tracker_; }
+
+  /// Memory that every stream may use at once. Throws OUT_OF_MEMORY naming `what`.
+  void *allocate(uint64_t bytes, const char *what);
+  /// Work that uses the memory must have ended.
+  void free(void *data, uint64_t bytes) noexcept;
+
+ private:
+  const int ordinal_;
+  const std::shared_ptr<MemoryTracker> tracker_;
+  cudaMemPool_t pool_ = nullptr;   // null: the device has no pools, memory comes from cudaMalloc
+  cudaStream_t stream_ = nullptr;  // carries nothing but allocations
+};
+
+/// An array in device memory. Whoever starts work on it waits for that work before letting go of it.
+template <class T>
+class DeviceBuffer {
+ public:
+  DeviceBuffer() = default;
+  DeviceBuffer(std::shared_ptr<DeviceMemory> memory, uint64_t count, const char *what)
+      : memory_(std::move(memory)),
+        data_(static_cast<T *>(memory_->allocate(count * sizeof(T), what))),
+        count_(count)
+  {}
+  DeviceBuffer(DeviceBuffer &&other) noexcept
+      : memory_(std::move(other.memory_)),
+        data_(std::exchange(other.data_, nullptr)),
+        count_(std::exchange(other.count_, 0))
+  {}
+  DeviceBuffer &operator=(DeviceBuffer &&other) noexcept
+  {
+    std::swap(memory_, other.memory_);
+    std::swap(data_, other.data_);
+    std::swap(count_, other.count_);
+    return *this;
+  }
+  ~DeviceBuffer()
+  {
+    if (data_ != nullptr) memory_->free(data_, bytes());
+  }
+
+  T *data() const { return data_; }
+  uint64_t size() const { return count_; }
+  uint64_t bytes() const { return count_ * sizeof(T); }
+
+ private:
+  std::shared_ptr<DeviceMemory> memory_;
+  T *data_ = nullptr;
+  uint64_t count_ = 0;
+};
+
+/// Copies host values into a new buffer and waits for the copy.
+template <class T>
+DeviceBuffer<T> upload(const std::shared_ptr<DeviceMemory> &memory, std::span<const T> values,
+                       const char *what, cudaStream_t stream)
+{
+  DeviceBuffer<T> buffer(memory, values.size(), what);
+  if (!values.empty()) {
+    check(cudaMemcpyAsync(buffer.data(), values.data(), values.size_bytes(), cudaMemcpyHostToDevice, stream),
+          "cudaMemcpyAsync");
+    check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
+  }
+  return buffer;
+}
+
+}  // namespace gpurt::cuda

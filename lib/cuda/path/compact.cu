@@ -1,0 +1,144 @@
+#include "cuda/path/compact.h"
+
+#include "cuda/launch.h"
+
+namespace gpurt::cuda {
+namespace {
+
+constexpr unsigned warp_size = 32;
+constexpr unsigned num_warps = block_size / warp_size;
+constexpr unsigned rounds = warp_size / num_warps;  // a block's counts of (round, warp) fill one warp
+constexpr unsigned rays_per_block = block_size * rounds;
+constexpr unsigned scan_threads = warp_size * warp_size;
+
+// The order of a block's rays: round by round, in each by thread.
+__device__ __forceinline__ uint32_t ray_of(unsigned round)
+{
+  return blockIdx.x * rays_per_block + round * block_size + threadIdx.x;
+}
+
+__device__ __forceinline__ bool is_there(const Ray *rays, uint32_t i, uint32_t n)
+{
+  return i < n && !(rays[i].tmax < 0.0f);
+}
+
+__global__ void __launch_bounds__(block_size)
+    count_kernel(const Ray *rays, uint32_t n, uint32_t *block_counts)
+{
+  uint32_t count = 0;
+  for (unsigned round = 0; round < rounds; ++round)
+    count += __syncthreads_count(is_there(rays, ray_of(round), n));
+  if (threadIdx.x == 0) block_counts[blockIdx.x] = count;
+}
+
+// The sum of `value` over the lanes up to this one.
+__device__ __forceinline__ uint32_t warp_prefix_sum(uint32_t value, unsigned lane)
+{
+  for (unsigned step = 1; step < warp_size; step *= 2) {
+    const uint32_t other = __shfl_up_sync(~0u, value, step);
+    if (lane >= step) value += other;
+  }
+  return value;
+}
+
+// One block, since a few thousand counts take it less time than another launch would.
+__global__ void __launch_bounds__(scan_threads)
+    scan_kernel(uint32_t *block_counts, uint32_t num_blocks, uint32_t *total)
+{
+  __shared__ uint32_t warp_sums[warp_size];
+  const unsigned lane = threadIdx.x % warp_size, warp = threadIdx.x / warp_size;
+  uint32_t base = 0;
+  for (uint32_t first = 0; first < num_blocks; first += scan_threads) {
+    const uint32_t i = first + threadIdx.x;
+    const uint32_t count = i < num_blocks ? block_counts[i] : 0;
+    const uint32_t in_warp = warp_prefix_sum(count, lane);
+    if (lane == warp_size - 1) warp_sums[warp] = in_warp;
+    __syncthreads();
+    if (warp == 0) warp_sums[lane] = warp_prefix_sum(warp_sums[lane], lane);
+    __syncthreads();
+    const uint32_t before = warp != 0 ? warp_sums[warp - 1] : 0;
+    if (i < num_blocks) block_counts[i] = base + before + in_warp - count;
+    base += warp_sums[warp_size - 1];
+    __syncthreads();
+  }
+  if (threadIdx.x == 0) *total = base;
+}
+
+__device__ __forceinline__ void copy_ray(const Ray *from, Ray *to)
+{
+  const float4 *p = reinterpret_cast<const float4 *>(from);
+  float4 *q = reinterpret_cast<float4 *>(to);
+  q[0] = p[0];
+  q[1] = p[1];
+}
+
+__device__ __forceinline__ void move_item(const RayQueue &from, uint32_t i, const RayQueue &to, uint32_t k)
+{
+  copy_ray(from.rays + i, to.rays + k);
+  to.paths[k] = from.paths[i];
+}
+
+__device__ __forceinline__ void move_item(const ShadowQueue &from, uint32_t i, const ShadowQueue &to,
+                                          uint32_t k)
+{
+  copy_ray(from.rays + i, to.rays + k);
+  to.paths[k] = from.paths[i];
+  to.contributions[k] = from.contributions[i];
+}
+
+template <class Queue>
+__global__ void __launch_bounds__(block_size)
+    scatter_kernel(Queue from, uint32_t n, Queue to, const uint32_t *block_offsets)
+{
+  __shared__ uint32_t first[rounds * num_warps];
+  const unsigned lane = threadIdx.x % warp_size, warp = threadIdx.x / warp_size;
+  uint32_t votes[rounds];
+#pragma unroll
+  for (unsigned round = 0; round < rounds; ++round) {
+    votes[round] = __ballot_sync(~0u, is_there(from.rays, ray_of(round), n));
+    if (lane == 0) first[round * num_warps + warp] = __popc(votes[round]);
+  }
+  __syncthreads();
+  if (warp == 0) {
+    const uint32_t count = first[lane];
+    first[lane] = block_offsets[blockIdx.x] + warp_prefix_sum(count, lane) - count;
+  }
+  __syncthreads();
+#pragma unroll
+  for (unsigned round = 0; round < rounds; ++round) {
+    if (!(votes[round] >> lane & 1u)) continue;
+    const uint32_t k = first[round * num_warps + warp] + __popc(votes[round] & ((1u << lane) - 1u));
+    move_item(from, ray_of(round), to, k);
+  }
+}
+
+template <class Queue>
+void compact(const Queue &from, uint32_t n, const Queue &to, const CompactScratch &scratch,
+             cudaStream_t stream)
+{
+  const uint32_t num_blocks = compact_num_blocks(n);
+  count_kernel<<<num_blocks, block_size, 0, stream>>>(from.rays, n, scratch.block_counts);
+  check(cudaGetLastError(), "kernel that counts rays");
+  scan_kernel<<<1, scan_threads, 0, stream>>>(scratch.block_counts, num_blocks, scratch.total);
+  check(cudaGetLastError(), "kernel that sums counts of rays");
+  scatter_kernel<<<num_blocks, block_size, 0, stream>>>(from, n, to, scratch.block_counts);
+  check(cudaGetLastError(), "kernel that moves rays");
+}
+
+}  // namespace
+
+uint32_t compact_num_blocks(uint32_t n) { return (n + rays_per_block - 1) / rays_per_block; }
+
+void launch_compact_rays(const RayQueue &from, uint32_t n, const RayQueue &to, const CompactScratch &scratch,
+                         cudaStream_t stream)
+{
+  compact(from, n, to, scratch, stream);
+}
+
+void launch_compact_shadows(const ShadowQueue &from, uint32_t n, const ShadowQueue &to,
+                            const CompactScratch &scratch, cudaStream_t stream)
+{
+  compact(from, n, to, scratch, stream);
+}
+
+}  // namespace gpurt::cuda

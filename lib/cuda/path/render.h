@@ -1,0 +1,14 @@
+// Path tracing of one pass on a CUDA device.
+#pragma once
+
+#include "backend.h"
+#include "cuda/accel/kernels.h"
+#include "cuda/lanes.h"
+
+namespace gpurt::cuda {
+
+/// Renders the units of `pass`. Returns when all are delivered or left out by cancellation. The device must be current.
+void render_on_device(const RenderPass &pass, const TraceScene &scene,
+                      const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes);
+
+}  // namespace gpurt::cuda

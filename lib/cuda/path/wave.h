@@ -1,0 +1,73 @@
+// A wave of paths on a CUDA stream: its memory, and one run of the path pipeline over it.
+#pragma once
+
+#include <atomic>
+#include <vector>
+
+#include "core/path/path_pipeline.h"
+#include "cuda/accel/kernels.h"
+#include "cuda/lanes.h"
+#include "cuda/path/compact.h"
+
+namespace gpurt::cuda {
+
+/// Times between marks on a stream, added up by stage.
+class StageClock {
+ public:
+  void start(cudaStream_t stream)
+  {
+    stages_.clear();
+    record(stream, PathStage::Count);
+  }
+  /// What ran since the last mark belongs to `stage`.
+  void mark(cudaStream_t stream, PathStage stage) { record(stream, stage); }
+  /// Adds the times to seconds[stage] and starts anew; the stream must have passed all marks.
+  void collect(double (&seconds)[uint32_t(PathStage::Count)]);
+
+ private:
+  void record(cudaStream_t stream, PathStage stage);
+  std::vector<std::unique_ptr<Event>> events_;
+  std::vector<PathStage> stages_;
+};
+
+/// Memory of one wave, for one lane.
+class WaveMemory {
+ public:
+  /// Throws OUT_OF_MEMORY.
+  WaveMemory(const std::shared_ptr<DeviceMemory> &memory, uint32_t capacity);
+  static uint64_t bytes_for(uint32_t capacity);
+
+  uint32_t capacity() const { return capacity_; }
+  const PathWave &wave() const { return wave_; }
+  CompactScratch compaction() const;
+  /// In device memory: the bits of the largest radiance of a path, 0 at first.
+  uint32_t *largest_bits() const { return largest_; }
+  /// In pinned host memory: room for two numbers.
+  uint32_t *host_numbers() const { return static_cast<uint32_t *>(pinned_numbers_); }
+
+  StageClock clock;
+
+ private:
+  uint32_t capacity_;
+  DeviceBuffer<std::byte> buffer_;
+  PathWave wave_{};
+  uint32_t *block_counts_ = nullptr;
+  uint32_t *largest_ = nullptr;
+  PinnedBuffer pinned_;
+  void *pinned_numbers_ = nullptr;
+};
+
+/// What waves did; times by stage.
+struct WaveCounters {
+  uint64_t num_camera_rays = 0, num_bounce_rays = 0, num_shadow_rays = 0;
+  double stage_seconds[uint32_t(PathStage::Count)] = {};
+  float largest_sample = 0;
+};
+
+/// Renders paths 0 .. num_paths - 1 of the unit, at most the wave's capacity, into a film in device memory. Returns
+/// when they are done; false if `cancelled` became true on the way, with part of the paths in the film.
+bool render_wave(const TraceScene &scene, const PathSettings &settings, const PathUnit &unit,
+                 const FilmView &film, uint32_t num_paths, const std::atomic<bool> *cancelled,
+                 WaveMemory &memory, cudaStream_t stream, WaveCounters &counters);
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,234 @@
+// Hits have the same bits on every device: the CPU's kd-tree and a CUDA device are asked the same.
+//
+// The bodies take two devices. Without a GPU they compare one CPU thread with all of them, on fewer rays.
+#include <thread>
+
+#include "scenes.h"
+
+namespace gpurt_test {
+namespace {
+
+struct DevicePair {
+  Device reference, tested;
+};
+
+DevicePair cpu_and_cuda() { return {make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA)}; }
+DevicePair one_and_many_threads()
+{
+  return {make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0)};
+}
+
+// The same scene on two devices, with targets for rays.
+struct ScenePair {
+  Scene reference, tested;
+  RayTargets targets;
+};
+
+ScenePair make_scenes(const DevicePair &devices, const TestScene &content, gpurt_triangle_test test)
+{
+  ScenePair pair;
+  GPURT_EXPECT_OK(gpurt_scene_create(devices.reference, pair.reference.out()));
+  GPURT_EXPECT_OK(gpurt_scene_create(devices.tested, pair.tested.out()));
+  pair.targets = content.fill(pair.reference);
+  content.fill(pair.tested);
+  commit(pair.reference, GPURT_ACCEL_KDTREE, test);
+  commit(pair.tested, GPURT_ACCEL_AUTO, test);
+  pair.targets.planes = split_planes(pair.reference);
+  return pair;
+}
+
+std::string describe(const gpurt_ray &r)
+{
+  char text[256];
+  std::snprintf(text, sizeof text, "origin %a %a %a, direction %a %a %a, t %a .. %a", r.origin[0],
+                r.origin[1], r.origin[2], r.direction[0], r.direction[1], r.direction[2], r.tmin, r.tmax);
+  return text;
+}
+std::string describe(const gpurt_hit &h)
+{
+  char text[256];
+  std::snprintf(text, sizeof text, "t %a u %a v %a primitive %u geometry %u instance %u", h.t, h.u, h.v,
+                h.primitive, h.geometry, h.instance);
+  return text;
+}
+
+template <class T>
+bool same_bits(const T &a, const T &b)
+{
+  return std::memcmp(&a, &b, sizeof(T)) == 0;
+}
+
+template <class T>
+std::vector<T> trace(gpurt_scene scene, gpurt_query query, gpurt_hit_format format,
+                     const std::vector<gpurt_ray> &rays)
+{
+  std::vector<T> results(rays.size());
+  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+  desc.query = query;
+  desc.format = format;
+  desc.num_rays = rays.size();
+  desc.rays = rays.data();
+  if (query == GPURT_QUERY_ANY) desc.occluded = reinterpret_cast<uint8_t *>(results.data());
+  else desc.hits = results.data();
+  GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
+  return results;
+}
+
+// Closest hits in both formats and any hits, in batches so that memory stays small. Returns how many rays hit.
+uint64_t compare_queries(const ScenePair &scenes, uint64_t num_rays)
+{
+  constexpr uint64_t batch = uint64_t(1) << 20;
+  uint64_t num_different = 0, num_hits = 0;
+  for (uint64_t first = 0; first < num_rays && num_different == 0; first += batch) {
+    std::vector<gpurt_ray> rays(std::min(batch, num_rays - first));
+    for (size_t i = 0; i < rays.size(); ++i) rays[i] = make_ray(scenes.targets, first + i);
+    const auto expected = trace<gpurt_hit>(scenes.reference, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays);
+    const auto full = trace<gpurt_hit>(scenes.tested, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays);
+    const auto compact =
+        trace<gpurt_hit_compact>(scenes.tested, GPURT_QUERY_CLOSEST, GPURT_HIT_COMPACT, rays);
+    const auto any = trace<uint8_t>(scenes.tested, GPURT_QUERY_ANY, GPURT_HIT_FULL, rays);
+    for (size_t i = 0; i < rays.size(); ++i) {
+      const bool is_hit = expected[i].primitive != GPURT_INVALID_ID;
+      const gpurt_hit_compact expected_compact{expected[i].t, expected[i].u, expected[i].v,
+                                               expected[i].primitive};
+      num_hits += is_hit;
+      if (same_bits(full[i], expected[i]) && same_bits(compact[i], expected_compact) &&
+          any[i] == uint8_t(is_hit))
+        continue;
+      if (++num_different > 8) continue;
+      ADD_FAILURE() << "ray " << first + i << " (" << ray_kind_name(first + i) << "): " << describe(rays[i])
+                    << "\n  expected " << describe(expected[i]) << "\n  full     " << describe(full[i])
+                    << "\n  compact t " << compact[i].t << " primitive " << compact[i].primitive << ", any "
+                    << int(any[i]);
+    }
+  }
+  EXPECT_EQ(num_different, 0u);
+  return num_hits;
+}
+
+struct AllHits {
+  std::vector<uint64_t> offsets;
+  std::vector<gpurt_hit> hits;
+};
+
+AllHits trace_all(gpurt_scene scene, const std::vector<gpurt_ray> &rays)
+{
+  AllHits all;
+  all.offsets.resize(rays.size() + 1);
+  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+  desc.query = GPURT_QUERY_ALL;
+  desc.num_rays = rays.size();
+  desc.rays = rays.data();
+  desc.offsets = all.offsets.data();
+  GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
+  const std::vector<uint64_t> counted = all.offsets;
+  all.hits.resize(all.offsets.back());
+  desc.hits = all.hits.data();
+  desc.hit_capacity = all.hits.size();
+  GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
+  EXPECT_EQ(counted, all.offsets);
+  return all;
+}
+
+void compare_all_hits(const ScenePair &scenes, uint64_t num_rays)
+{
+  std::vector<gpurt_ray> rays(num_rays);
+  for (size_t i = 0; i < rays.size(); ++i) rays[i] = make_ray(scenes.targets, i);
+  const AllHits expected = trace_all(scenes.reference, rays), tested = trace_all(scenes.tested, rays);
+  ASSERT_EQ(tested.offsets, expected.offsets);
+  EXPECT_GT(expected.hits.size(), 0u);
+  uint64_t num_different = 0;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    for (uint64_t k = expected.offsets[i]; k < expected.offsets[i + 1]; ++k) {
+      if (same_bits(tested.hits[k], expected.hits[k]) || ++num_different > 4) continue;
+      ADD_FAILURE() << "ray " << i << " (" << ray_kind_name(i) << "), hit " << k - expected.offsets[i] << ": "
+                    << describe(rays[i]) << "\n  expected " << describe(expected.hits[k]) << "\n  but      "
+                    << describe(tested.hits[k]);
+    }
+  }
+  EXPECT_EQ(num_different, 0u);
+}
+
+void compare_scene(const DevicePair &devices, const TestScene &content, uint64_t num_rays,
+                   uint64_t num_other_tests, uint64_t num_all)
+{
+  SCOPED_TRACE(content.name);
+  const ScenePair scenes = make_scenes(devices, content, GPURT_TRIANGLE_WATERTIGHT);
+  const uint64_t num_hits = compare_queries(scenes, num_rays);
+  // The rays must try something: of eye, random and aimed ones alone a fifth meets the scene.
+  EXPECT_GT(num_hits, num_rays / 5);
+  compare_all_hits(scenes, num_all);
+  for (gpurt_triangle_test test : {GPURT_TRIANGLE_MOLLER_TRUMBORE, GPURT_TRIANGLE_DOUBLE}) {
+    SCOPED_TRACE(test == GPURT_TRIANGLE_DOUBLE ? "double" : "Moeller-Trumbore");
+    compare_queries(make_scenes(devices, content, test), num_other_tests);
+  }
+}
+
+class CudaHits : public testing::TestWithParam<size_t> {};
+
+TEST_P(CudaHits, HaveTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  compare_scene(cpu_and_cuda(), test_scenes()[GetParam()], 10'000'000, 1'000'000, 100'000);
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, CudaHits, testing::Range(size_t(0), test_scenes().size()),
+                         [](const auto &info) { return test_scenes()[info.param].name; });
+
+class Hits : public testing::TestWithParam<size_t> {};
+
+TEST_P(Hits, DoNotDependOnTheNumberOfThreads)
+{
+  compare_scene(one_and_many_threads(), test_scenes()[GetParam()], 100'000, 20'000, 2'000);
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, Hits, testing::Range(size_t(0), test_scenes().size()),
+                         [](const auto &info) { return test_scenes()[info.param].name; });
+
+// Trees that were exported are traversed as they are, on either device.
+TEST(CudaTrees, AreExchangedBetweenDevices)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const DevicePair devices = cpu_and_cuda();
+  const ScenePair scenes = make_scenes(devices, test_scenes()[0], GPURT_TRIANGLE_WATERTIGHT);
+  gpurt_kdtree trees[2] = {GPURT_KDTREE_INIT, GPURT_KDTREE_INIT};
+  std::vector<gpurt_kdtree_node> nodes[2];
+  std::vector<uint32_t> references[2];
+  for (int i = 0; i < 2; ++i) {
+    const gpurt_scene scene = i == 0 ? gpurt_scene(scenes.reference) : gpurt_scene(scenes.tested);
+    GPURT_ASSERT_OK(gpurt_scene_export_tree(scene, &trees[i]));
+    nodes[i].resize(trees[i].num_nodes);
+    references[i].resize(trees[i].num_references);
+    trees[i].nodes = nodes[i].data();
+    trees[i].references = references[i].data();
+    GPURT_ASSERT_OK(gpurt_scene_export_tree(scene, &trees[i]));
+  }
+  ASSERT_EQ(nodes[0].size(), nodes[1].size());
+  EXPECT_EQ(std::memcmp(nodes[0].data(), nodes[1].data(), nodes[0].size() * sizeof(gpurt_kdtree_node)), 0);
+  EXPECT_EQ(references[0], references[1]);
+  GPURT_ASSERT_OK(gpurt_scene_import_tree(scenes.tested, &trees[0]));
+  commit(scenes.tested);
+  gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
+  GPURT_ASSERT_OK(gpurt_scene_get_facts(scenes.tested, &facts));
+  EXPECT_EQ(facts.accel, GPURT_ACCEL_KDTREE);
+  EXPECT_EQ(facts.tree_from_cache, 1u);
+  compare_queries(scenes, 100'000);
+}
+
+// Threads that use one device, and one scene, at the same time get what they get alone.
+TEST(CudaThreads, TraceSideBySide)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const DevicePair devices = cpu_and_cuda();
+  const std::vector<TestScene> contents = test_scenes();
+  const ScenePair a = make_scenes(devices, contents[0], GPURT_TRIANGLE_WATERTIGHT);
+  const ScenePair b = make_scenes(devices, contents[2], GPURT_TRIANGLE_WATERTIGHT);
+  std::thread threads[] = {std::thread([&] { compare_queries(a, 1'000'000); }),
+                           std::thread([&] { compare_queries(b, 1'000'000); }),
+                           std::thread([&] { compare_queries(a, 300'000); }),
+                           std::thread([&] { compare_all_hits(b, 30'000); })};
+  for (std::thread &t : threads) t.join();
+}
+
+}  // namespace
+}  // namespace gpurt_test
