@@ -3,8 +3,8 @@
 #include <optional>
 
 #include "../support/cgal_tree.h"
+#include "../support/judge.h"
 #include "../support/queries.h"
-#include "judge.h"
 
 namespace {
 

@@ -4,7 +4,7 @@
 #include <CGAL/AABB_triangle_primitive.h>
 #include <CGAL/Exact_predicates_exact_constructions_kernel.h>
 
-#include "exact_oracle.h"
+#include "../support/exact_oracle.h"
 
 namespace {
 
