@@ -97,7 +97,8 @@ struct Mesh {
 };
 
 /// Corners in order: counter-clockwise seen from the front.
-inline Mesh quad(std::array<float, 3> a, std::array<float, 3> b, std::array<float, 3> c, std::array<float, 3> d)
+inline Mesh quad(std::array<float, 3> a, std::array<float, 3> b, std::array<float, 3> c,
+                 std::array<float, 3> d)
 {
   return {{a, b, c, d}, {{0, 1, 2}, {0, 2, 3}}};
 }
@@ -106,8 +107,21 @@ inline Mesh quad(std::array<float, 3> a, std::array<float, 3> b, std::array<floa
 inline Mesh icosphere(int levels)
 {
   const float p = 1.6180339887f;
-  Mesh m{{{-1, p, 0}, {1, p, 0}, {-1, -p, 0}, {1, -p, 0}, {0, -1, p}, {0, 1, p}, {0, -1, -p}, {0, 1, -p}, {p, 0, -1}, {p, 0, 1}, {-p, 0, -1}, {-p, 0, 1}},
-         {{0, 11, 5}, {0, 5, 1}, {0, 1, 7}, {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8}, {3, 9, 4}, {3, 4, 2}, {3, 2, 6}, {3, 6, 8}, {3, 8, 9}, {4, 9, 5}, {2, 4, 11}, {6, 2, 10}, {8, 6, 7}, {9, 8, 1}}};
+  Mesh m{{{-1, p, 0},
+          {1, p, 0},
+          {-1, -p, 0},
+          {1, -p, 0},
+          {0, -1, p},
+          {0, 1, p},
+          {0, -1, -p},
+          {0, 1, -p},
+          {p, 0, -1},
+          {p, 0, 1},
+          {-p, 0, -1},
+          {-p, 0, 1}},
+         {{0, 11, 5},  {0, 5, 1},  {0, 1, 7},  {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
+          {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
+          {3, 8, 9},   {4, 9, 5},  {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}}};
   const auto unit = [](std::array<float, 3> v) {
     const double l = std::sqrt(double(v[0]) * v[0] + double(v[1]) * v[1] + double(v[2]) * v[2]);
     return std::array<float, 3>{float(v[0] / l), float(v[1] / l), float(v[2] / l)};
@@ -151,7 +165,8 @@ inline uint32_t add_material(gpurt_scene scene, gpurt_material_type type, std::a
 }
 
 /// Adds the mesh and one instance of it; returns the geometry.
-inline uint32_t add_mesh(gpurt_scene scene, const Mesh &mesh, uint32_t material = 0, bool with_instance = true)
+inline uint32_t add_mesh(gpurt_scene scene, const Mesh &mesh, uint32_t material = 0,
+                         bool with_instance = true)
 {
   gpurt_mesh_desc desc = GPURT_MESH_DESC_INIT;
   desc.material = material;
@@ -233,7 +248,8 @@ inline void render(gpurt_frame frame, const RenderOptions &o)
   desc.max_depth = o.max_depth;
   desc.tile_size = o.tile_size;
   Job job;
-  GPURT_EXPECT_OK(gpurt_frame_submit(frame, &desc, o.tiles.empty() ? nullptr : o.tiles.data(), o.tiles.size(), job.out()));
+  GPURT_EXPECT_OK(gpurt_frame_submit(frame, &desc, o.tiles.empty() ? nullptr : o.tiles.data(), o.tiles.size(),
+                                     job.out()));
   GPURT_EXPECT_OK(gpurt_job_wait(job, GPURT_WAIT_FOREVER));
 }
 

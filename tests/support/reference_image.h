@@ -40,9 +40,9 @@ inline RgbImage read_rgb_exr(const std::string &path)
 }
 
 struct ImageComparison {
-  double relmse = 0, trimmed = 0;      // trimmed: without the worst 0.1 % of pixels
-  double mean_ratio = 0;               // of the image's mean to the reference's
-  double tiles_within_4_sigma = 0;     // share of 8x8 tiles and channels
+  double relmse = 0, trimmed = 0;   // trimmed: without the worst 0.1 % of pixels
+  double mean_ratio = 0;            // of the image's mean to the reference's
+  double tiles_within_4_sigma = 0;  // share of 8x8 tiles and channels
   double worst_sigma = 0;
 };
 

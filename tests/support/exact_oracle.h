@@ -20,7 +20,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "../support/rays.h"
+#include "rays.h"
 
 namespace gpurt_test {
 
