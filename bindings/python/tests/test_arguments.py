@@ -80,7 +80,7 @@ def test_the_culprit_is_named(scene, text):
 TYPE_CASES = {
     "vertices: expected an array, got NoneType": lambda s: s.add_mesh(None),
     "vertices: expected an array, got str": lambda s: s.add_mesh("vertices"),
-    "vertices: expected an array of numbers, got elements of type complex128": lambda s: s.add_mesh(V * 1j),
+    "vertices: expected an array of numbers, got elements of type complex64": lambda s: s.add_mesh(V * 1j),
     "material: expected an integer, got float": lambda s: s.add_mesh(V, I, material=1.0),
     "roughness: expected a number, got list": lambda s: s.add_material("metal", roughness=[1]),
     "width: expected an integer, got str": lambda s: s.commit().render(width="512"),

@@ -52,14 +52,13 @@ def stub_functions(body, prefix=""):
 
 def runtime_functions(owner, prefix=""):
     for name, value in vars(owner).items():
-        if name.startswith("_") and name != "__init__":
+        if (name.startswith("_") and name != "__init__") or value is object.__init__ or not value.__doc__:
             continue
         if inspect.isclass(value):
             yield prefix + name, None
             yield from runtime_functions(value, f"{prefix}{name}.")
         elif callable(value) or isinstance(value, staticmethod):
-            text = (value.__func__ if isinstance(value, staticmethod) else value).__doc__
-            arguments = re.match(r"\w+\((.*)\) ->", text).group(1)
+            arguments = re.match(r"\w+\((.*)\) ->", getattr(owner, name).__doc__).group(1)
             yield prefix + name, re.findall(r"(\w+): ", re.sub(r"\[[^]]*\]", "", arguments))
 
 
