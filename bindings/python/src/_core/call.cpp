@@ -1,9 +1,8 @@
 #include "call.h"
 
+#include <condition_variable>
 #include <mutex>
 #include <vector>
-
-#include "callbacks.h"
 
 namespace gpurt_python {
 
@@ -25,6 +24,20 @@ std::vector<DroppedHandle> &dropped_handles()
 {
   static auto *handles = new std::vector<DroppedHandle>;
   return *handles;
+}
+
+struct Calls {
+  std::mutex mutex;
+  std::condition_variable none;
+  int num_unlocked = 0;
+  bool ended = false;
+};
+
+// Never destroyed, as above.
+Calls &calls()
+{
+  static auto *instance = new Calls;
+  return *instance;
 }
 
 const char *class_name(gpurt_result result)
@@ -75,7 +88,7 @@ void enter_library()
     handles.swap(dropped_handles());
   }
   if (handles.empty()) return;
-  py::gil_scoped_release release;
+  const Unlocked unlocked;
   for (const DroppedHandle &dropped : handles) dropped.release(dropped.handle);
 }
 
@@ -87,12 +100,32 @@ void release_handle(gpurt_result (*release)(void *), void *handle)
     return;
   }
   // Releasing a job waits for its threads, which may be waiting for Python's lock.
-  if (PyGILState_Check()) {
-    py::gil_scoped_release unlocked;
-    release(handle);
-  } else {
-    release(handle);
-  }
+  const Unlocked unlocked;
+  release(handle);
+}
+
+Unlocked::Unlocked()
+{
+  std::lock_guard lock(calls().mutex);
+  if (calls().ended) return;
+  ++calls().num_unlocked;
+  state_ = PyEval_SaveThread();
+}
+
+Unlocked::~Unlocked()
+{
+  if (!state_) return;
+  PyEval_RestoreThread(state_);
+  std::lock_guard lock(calls().mutex);
+  if (--calls().num_unlocked == 0) calls().none.notify_all();
+}
+
+void wait_for_calls()
+{
+  const py::gil_scoped_release release;
+  std::unique_lock lock(calls().mutex);
+  calls().ended = true;
+  calls().none.wait(lock, [] { return calls().num_unlocked == 0; });
 }
 
 }  // namespace gpurt_python

@@ -24,13 +24,31 @@ bool in_callback();
 /// Refuses calls from inside a callback, and gives back the handles that were dropped inside one.
 void enter_library();
 
+/// Python's lock is released while this lives.
+///
+/// A thread that asks for the lock when the interpreter has begun to end is torn down in the middle, which C++ does
+/// not survive. So wait_for_calls() waits until every thread has its lock again, and from then on it is kept.
+class Unlocked {
+ public:
+  Unlocked();
+  ~Unlocked();
+  Unlocked(const Unlocked &) = delete;
+  Unlocked &operator=(const Unlocked &) = delete;
+
+ private:
+  PyThreadState *state_ = nullptr;
+};
+
+/// Called when the interpreter begins to end.
+void wait_for_calls();
+
 /// Calls a function of the library that returns a gpurt_result. The lock is always released: any call may wait for
 /// a thread that needs it for a callback. The text of a failure is read before another call can replace it.
 template <class Function>
 gpurt_result call_unchecked(Function &&function, std::string &message)
 {
   enter_library();
-  py::gil_scoped_release release;
+  const Unlocked unlocked;
   const gpurt_result result = std::forward<Function>(function)();
   if (result != GPURT_OK) message = gpurt_last_error();
   return result;

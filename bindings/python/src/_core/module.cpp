@@ -23,6 +23,7 @@ PYBIND11_MODULE(_core, module)
   module.def("stop", [] {
     stop_callbacks();
     stop_jobs();
+    wait_for_calls();
   });
   bind_device(module);
   bind_scene(module);

@@ -88,8 +88,8 @@ def write(options: argparse.Namespace, command: str, reference: metrics.Picture,
         fits = ", ".join(f"{m} {f.slope:+.3f} ± {f.slope_error:.3f}" for m, f in r.fits.items() if f)
         say(f"{r.name}: slope of error over render time: {fits or 'needs two points'}")
 
-    # One more picture of each setting, with as many samples as the largest common time allows.
-    seconds = tables["equal_time"][-1]["seconds"]
+    # One more picture of each setting, with as many samples as the time of the shortest curve allows.
+    seconds = analyse.picture_seconds(results)
     pictures: List[TimedPicture] = [
         render_picture(r.curve.setting, options.scene, reference, noise, analyse.samples_at(r, seconds),
                        options.seed + options.repeats, options.camera) for r in results]
@@ -113,7 +113,7 @@ def write(options: argparse.Namespace, command: str, reference: metrics.Picture,
     figure = draw.draw(results, title, subtitle, notes)
     draw.save(figure, str(folder / "chart.png"), "png")
     draw.save(figure, str(folder / "chart.svg"), "svg")
-    report.write_page(str(folder / "index.html"), title, subtitle, command,
+    report.write_page(str(folder / "index.html"), title, command,
                       (folder / "chart.svg").read_text(encoding="utf-8"), results, tables, pictures, reference)
     say(f"wrote {FILES} to {folder}")
 

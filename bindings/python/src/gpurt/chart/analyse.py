@@ -152,10 +152,18 @@ def middle(values: List[float], count: int) -> List[float]:
 
 
 def equal_times(results: Sequence[Result]) -> List[float]:
-    """Round times that every curve covers; else the last time that all have reached, or the shortest curve's end."""
-    low = max(r.points[0].seconds for r in results)
-    high = min(r.points[-1].seconds for r in results)
-    return middle(round_values(low, high, (1, 2, 5)), 5) or [high]
+    """Round times that at least two curves cover, or the only one."""
+    starts = sorted(r.points[0].seconds for r in results)
+    ends = sorted(r.points[-1].seconds for r in results)
+    least = min(2, len(results))
+    times = [t for t in round_values(starts[least - 1], ends[-least], (1, 2, 5))
+             if sum(r.points[0].seconds <= t <= r.points[-1].seconds for r in results) >= least]
+    return middle(times, 6)
+
+
+def picture_seconds(results: Sequence[Result]) -> float:
+    """How long the pictures at equal time take: as long as the shortest curve."""
+    return min(r.points[-1].seconds for r in results)
 
 
 def equal_errors(results: Sequence[Result], measure: str) -> List[float]:

@@ -75,10 +75,10 @@ def write_json(path: str, about: Dict[str, Any], results: Sequence[Result], tabl
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1240px; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; }
+h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; }
 p.about { color: #555; margin-top: 0; } svg { width: 100%; height: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .3rem .9rem; border-bottom: 1px solid #e4e4e4; text-align: right; white-space: nowrap; }
+th, td { padding: .3rem .7rem; border-bottom: 1px solid #e4e4e4; text-align: right; white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; } thead th { border-bottom: 2px solid #bbb; }
 td.best { font-weight: 700; } td.none { color: #aaa; }
 .swatch { display: inline-block; width: .8em; height: .8em; border-radius: 50%; margin-right: .5em; }
@@ -142,7 +142,7 @@ def equal_error_table(results: Sequence[Result], tables: Dict[str, Any], measure
     rows = ""
     for row in tables["equal_error"][measure]:
         values = [row["seconds"][r.name] for r in results]
-        rows += f"<tr><td>{error_text(row['error'])}</td>{cells(values, format_seconds)}</tr>"
+        rows += f"<tr><td>{row['error']:g}</td>{cells(values, format_seconds)}</tr>"
     return f"<table>{setting_head(results, 'down to')}<tbody>{rows}</tbody></table>"
 
 
@@ -157,7 +157,7 @@ def settings_table(results: Sequence[Result]) -> str:
                  f"<td>{c['accel']}</td><td>{format_seconds(r.load_seconds)}</td>"
                  f"<td>{format_seconds(r.build_seconds)}</td><td>{last.spp}</td><td>{last.bias:+.3%}</td>{slopes}</tr>")
     return ("<table><thead><tr><th>setting</th><th>device</th><th>pipeline</th><th>accel</th><th>load</th>"
-            "<th>build</th><th>most samples per pixel</th><th>bias there</th><th>slope, relMSE</th>"
+            "<th>build</th><th>most spp</th><th>bias there</th><th>slope, relMSE</th>"
             f"<th>slope, trimmed</th></tr></thead><tbody>{rows}</tbody></table>")
 
 
@@ -176,7 +176,7 @@ def picture_figures(pictures: Sequence[TimedPicture], reference: Picture) -> str
             f'error: black is 0, the lightest 1 or more.</p><div class="pictures">{maps}</div>')
 
 
-def write_page(path: str, title: str, subtitle: str, command: str, svg: str, results: Sequence[Result],
+def write_page(path: str, title: str, command: str, svg: str, results: Sequence[Result],
                tables: Dict[str, Any], pictures: Sequence[TimedPicture], reference: Picture) -> None:
     svg = svg[svg.index("<svg"):]  # without the XML head, which a page does not have
     sections = ""
@@ -185,7 +185,7 @@ def write_page(path: str, title: str, subtitle: str, command: str, svg: str, res
                      f"<h2>Equal error: {TITLES[measure]}</h2>{equal_error_table(results, tables, measure)}")
     page = (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
             f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head><body>'
-            f'<h1>{html.escape(title)}</h1><p class="about">{html.escape(subtitle)}</p>{svg}'
+            f"{svg}"
             f"<h2>Settings</h2>{settings_table(results)}"
             '<p class="about">Slopes are of error over render time without loading and building; '
             "-1 is an unbiased method.</p>"
