@@ -263,8 +263,7 @@ void bench_queries(gpurt_device device, const std::string &device_name, const Ca
       seconds_of([&] { check(gpurt_scene_commit(scene, nullptr), "gpurt_scene_commit"); });
   gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
   check(gpurt_scene_get_facts(scene, &facts), "gpurt_scene_get_facts");
-  gpurt_ray *d_rays;
-  char *d_hits;
+  void *d_rays, *d_hits;
   check(cudaMalloc(&d_rays, options.num_rays * sizeof(gpurt_ray)), "cudaMalloc");
   check(cudaMalloc(&d_hits, options.num_rays * sizeof(gpurt_hit_compact)), "cudaMalloc");
   for (Rays kind : {Rays::Eye, Rays::Diffuse, Rays::Shadow}) {
@@ -279,9 +278,9 @@ void bench_queries(gpurt_device device, const std::string &device_name, const Ca
       desc.format = GPURT_HIT_COMPACT;
       desc.storage = on_device ? GPURT_STORAGE_DEVICE : GPURT_STORAGE_HOST;
       desc.num_rays = rays.size();
-      desc.rays = on_device ? d_rays : rays.data();
-      if (kind == Rays::Shadow) desc.occluded = reinterpret_cast<uint8_t *>(d_hits);
-      else desc.hits = on_device ? static_cast<void *>(d_hits) : hits.data();
+      desc.rays = on_device ? static_cast<const gpurt_ray *>(d_rays) : rays.data();
+      if (kind == Rays::Shadow) desc.occluded = static_cast<uint8_t *>(d_hits);
+      else desc.hits = on_device ? d_hits : hits.data();
       const auto trace = [&] { check(gpurt_scene_trace(scene, &desc), "gpurt_scene_trace"); };
       for (int i = 0; i < 3; ++i) trace();  // warms up, and lets the size of launches settle
       std::vector<double> times;

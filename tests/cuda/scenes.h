@@ -46,7 +46,7 @@ inline Mesh needle_terrain(uint32_t n)
   Random random(7);
   for (uint32_t z = 0; z <= n; ++z) {
     for (uint32_t x = 0; x <= n; ++x)
-      m.vertices.push_back({float(x) * 0.01f, random.between(0, 0.3f), float(z) * 5.0f / float(1 + x % 3)});
+      m.vertices.push_back({float(x) * 0.01f, random.between(0, 0.3f), float(z) * 5.0f + 1.5f * float(x % 3)});
   }
   const auto at = [&](uint32_t x, uint32_t z) { return z * (n + 1) + x; };
   for (uint32_t z = 0; z < n; ++z) {
@@ -74,7 +74,7 @@ inline Mesh box(Vec lo, Vec hi)
 struct RayTargets {
   Mesh mesh;  // a sample of the scene's triangles, in world space
   Vec lo{}, hi{};
-  std::vector<std::pair<int, float>> planes;  // (axis, position) of the kd-tree's splits
+  std::vector<std::pair<int, float>> planes{};  // (axis, position) of the kd-tree's splits
 };
 
 struct TestScene {

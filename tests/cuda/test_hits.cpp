@@ -32,7 +32,7 @@ ScenePair make_scenes(const DevicePair &devices, const TestScene &content, gpurt
   pair.targets = content.fill(pair.reference);
   content.fill(pair.tested);
   commit(pair.reference, GPURT_ACCEL_KDTREE, test);
-  commit(pair.tested, GPURT_ACCEL_AUTO, test);
+  commit(pair.tested, GPURT_ACCEL_KDTREE, test);
   pair.targets.planes = split_planes(pair.reference);
   return pair;
 }
@@ -207,7 +207,7 @@ TEST(CudaTrees, AreExchangedBetweenDevices)
   EXPECT_EQ(std::memcmp(nodes[0].data(), nodes[1].data(), nodes[0].size() * sizeof(gpurt_kdtree_node)), 0);
   EXPECT_EQ(references[0], references[1]);
   GPURT_ASSERT_OK(gpurt_scene_import_tree(scenes.tested, &trees[0]));
-  commit(scenes.tested);
+  commit(scenes.tested, GPURT_ACCEL_AUTO);
   gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
   GPURT_ASSERT_OK(gpurt_scene_get_facts(scenes.tested, &facts));
   EXPECT_EQ(facts.accel, GPURT_ACCEL_KDTREE);
