@@ -11,8 +11,11 @@ import gpurt
 
 
 def down_hits(scene, points):
-    points = np.asarray(points, np.float32)
     return scene.trace(origins=points, directions=(0, -1, 0))
+
+
+def near(t):
+    return pytest.approx(t, rel=1e-6)  # some roundings of float32
 
 
 def test_facts_count_what_was_added(box):
@@ -47,7 +50,7 @@ def test_commit_returns_the_scene_and_is_repeatable(device):
     scene.add_mesh(*quad((-1, 0, 1), (2, 0, 0), (0, 0, -2)))
     assert np.isinf(down_hits(scene, [(0, 1, 0)])["t"][0]), "a mesh is not seen before the commit"
     scene.commit()
-    assert down_hits(scene, [(0, 1, 0)])["t"][0] == 1
+    assert down_hits(scene, [(0, 1, 0)])["t"][0] == near(1)
 
 
 def test_a_mesh_can_be_placed_later_and_often(device):
@@ -59,7 +62,7 @@ def test_a_mesh_can_be_placed_later_and_often(device):
     scene.commit("kdtree")
     assert scene.facts.num_triangles == 2 and scene.facts.num_world_triangles == 6
     hits = down_hits(scene, [(0.1, 10, 0), (2.1, 10, 0), (4.1, 10, 0), (1.0, 10, 0)])
-    assert hits["t"].tolist() == [10, 9, 8, math.inf]
+    assert hits["t"].tolist() == [near(10), near(9), near(8), math.inf]
     assert hits["instance"].tolist() == [0, 1, 2, gpurt.INVALID_ID]
 
 
@@ -70,7 +73,7 @@ def test_a_mesh_can_be_placed_later_and_often(device):
 def test_transforms_have_three_or_four_rows(device, transform):
     scene = gpurt.Scene(device)
     assert scene.add_mesh(*quad((-1, 0, 1), (2, 0, 0), (0, 0, -2)), transform=transform) == (0, 0)
-    assert down_hits(scene.commit(), [(0, 3, 0)])["t"][0] == 1
+    assert down_hits(scene.commit(), [(0, 3, 0)])["t"][0] == near(1)
 
 
 def soup(vertices, indices):
@@ -105,7 +108,7 @@ def test_triangles_without_indices(device):
     scene = gpurt.Scene(device)
     scene.add_mesh(soup(vertices, indices))
     scene.add_mesh(soup(vertices, indices).reshape(-1, 3), transform=np.eye(4) * [1, 1, 1, 1])
-    assert scene.facts.num_triangles == 2 * len(indices)
+    assert scene.commit().facts.num_triangles == 2 * len(indices)
 
 
 class ThroughDlpack:
@@ -125,7 +128,7 @@ def test_dlpack_arrays_are_read(device):
     vertices, indices = quad((-1, 0, 1), (2, 0, 0), (0, 0, -2))
     scene = gpurt.Scene(device)
     scene.add_mesh(ThroughDlpack(vertices), ThroughDlpack(indices.astype(np.int64)))
-    assert down_hits(scene.commit(), ThroughDlpack(np.array([[0, 3, 0]], np.float32)).array)["t"][0] == 3
+    assert down_hits(scene.commit(), ThroughDlpack(np.array([[0, 3, 0]], np.float32)))["t"][0] == near(3)
 
 
 def test_arrays_of_another_device_are_refused(device):
