@@ -1,4 +1,4 @@
-//! The bindings against include/gpurt.h, asked of the C compiler: nothing of the header is missing, and
+//! The bindings against the headers in include/, asked of the C compiler: nothing of the header is missing, and
 //! constants, signatures, layouts and default values are the same.
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -36,19 +36,21 @@ fn run_c(name: &str, source: &str) -> String {
 
 #[test]
 fn nothing_is_missing() {
-    let header = std::fs::read_to_string(include_dir().join("gpurt.h")).unwrap();
+    let header = ["gpurt.h", "gpurt_cuda.h"]
+        .map(|name| std::fs::read_to_string(include_dir().join(name)).unwrap())
+        .concat();
     // Comments may name what is no declaration.
     let mut code = String::new();
     for (i, part) in header.split("/*").enumerate() {
         code += if i == 0 { part } else { part.split_once("*/").unwrap().1 };
     }
     let bound = words(BINDINGS);
-    let is_macro = |word: &str| word.ends_with("_INIT") || ["GPURT_H", "GPURT_API"].contains(&word);
+    let is_macro = |word: &str| word.ends_with("_INIT") || ["GPURT_H", "GPURT_CUDA_H", "GPURT_API"].contains(&word);
     let missing: Vec<_> = words(&code)
         .into_iter()
         .filter(|word| word.to_lowercase().starts_with("gpurt_") && !is_macro(word) && !bound.contains(word))
         .collect();
-    assert!(missing.is_empty(), "gpurt.h declares {:?}: run scripts/bindgen", missing);
+    assert!(missing.is_empty(), "the headers declare {:?}: run scripts/bindgen", missing);
 }
 
 /// The C spelling of a type of the bindings.
@@ -74,7 +76,7 @@ fn c_type(rust: &str) -> String {
 #[test]
 fn constants_and_signatures_agree() {
     let flat = BINDINGS.split_whitespace().collect::<Vec<_>>().join(" ");
-    let mut source = String::from("#include \"gpurt.h\"\n");
+    let mut source = String::from("#include \"gpurt_cuda.h\"\n");
     let mut count = [0, 0];
     for part in flat.split("pub const GPURT_").skip(1) {
         let (name, rest) = part.split_once(':').unwrap();

@@ -144,7 +144,8 @@ c_enum! {
         Instance = GPURT_OUTPUT_INSTANCE,
         /// `u32`: number of samples.
         SampleCount = GPURT_OUTPUT_SAMPLE_COUNT,
-        /// `[f32; 3]`: variance of the colour, from two independent halves.
+        /// `[f32; 3]`: variance of the colour, from two independent halves; infinite while one
+        /// is empty.
         Variance = GPURT_OUTPUT_VARIANCE,
         /// This version of the library does not support it.
         Time = GPURT_OUTPUT_TIME,

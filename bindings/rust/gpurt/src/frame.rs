@@ -143,8 +143,8 @@ impl Frame {
         Ok(Image { pixels, width: statistics.width, height: statistics.height })
     }
 
-    /// Reads an output, top row first. Pixels without samples are 0; while a job runs, whole samples are
-    /// seen.
+    /// Reads an output, top row first. Pixels without samples are 0, and their ids
+    /// [`INVALID_ID`](crate::INVALID_ID); while a job runs, whole samples are seen.
     ///
     /// The type is the one that [`Output`] names: `frame.read::<f32>(Output::Depth)`.
     pub fn read<T: Pixel>(&self, output: Output) -> Result<Vec<T>> {

@@ -34,7 +34,7 @@ impl<'a> Mesh<'a> {
         self
     }
 
-    /// Shading normals at the vertices; need not be of unit length.
+    /// Shading normals at the vertices, of any length; zero: that of the faces around.
     pub fn normals(mut self, normals: impl Into<Array<'a, [f32; 3]>>) -> Self {
         self.normals = Some(normals.into());
         self
@@ -70,7 +70,8 @@ impl fmt::Debug for Mesh<'_> {
     }
 }
 
-/// Bicubic Bézier patches. For rays they are tessellated at commit.
+/// Bicubic Bézier patches. For rays they are tessellated at commit: each becomes n x n cells of two
+/// triangles, n being one number for the geometry, so the patch of a hit is its primitive / (2 n²).
 #[derive(Clone, Copy)]
 #[must_use]
 pub struct Patches<'a> {
