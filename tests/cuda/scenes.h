@@ -333,7 +333,7 @@ inline gpurt_ray make_ray(const RayTargets &targets, uint64_t index)
     case 13:
       return ray(random.below(2) ? middle : p, direction);
     case 14: {
-      const float far = 1e5f * radius;
+      const float far = 1e2f * radius;
       const Vec o{center[0] + far * direction[0], center[1] + far * direction[1],
                   center[2] + far * direction[2]};
       return towards(o, random.below(2) ? middle : wide());
