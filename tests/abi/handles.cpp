@@ -313,7 +313,7 @@ TEST_F(Handles, OfJobs)
 TEST_F(Handles, EveryFunctionIsTested)
 {
   std::set<std::string> tested = {"gpurt_version", "gpurt_result_name", "gpurt_last_error",
-                                  "gpurt_device_enumerate", "gpurt_device_create"};
+                                  "gpurt_device_enumerate", "gpurt_device_create", "gpurt_state_read_info"};
   const auto add = [&](const auto &calls) {
     for (const auto &c : calls) tested.insert(c.function);
   };
@@ -332,6 +332,17 @@ TEST_F(Handles, EveryFunctionIsTested)
       EXPECT_TRUE(tested.count((*it)[1])) << (*it)[1] << " has no test with wrong handles";
     }
     EXPECT_GT(num_found, 0u) << header;
+  }
+}
+
+TEST(StateFiles, AreRefusedByName)
+{
+  gpurt_state_info info = GPURT_STATE_INFO_INIT;
+  EXPECT_EQ(gpurt_state_read_info(nullptr, &info), GPURT_ERROR_INVALID_ARGUMENT);
+  EXPECT_EQ(gpurt_state_read_info("include/gpurt.h", nullptr), GPURT_ERROR_INVALID_ARGUMENT);
+  for (const char *path : {"no/such/file.gpurt", "include/gpurt.h"}) {
+    EXPECT_EQ(gpurt_state_read_info(path, &info), GPURT_ERROR_IO);
+    EXPECT_NE(std::string(gpurt_last_error()).find(path), std::string::npos) << gpurt_last_error();
   }
 }
 

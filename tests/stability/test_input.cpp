@@ -113,7 +113,9 @@ TEST_P(Input, Row20FewTriangles)
     const Scene scene = make_scene(c.mesh);
     const gpurt_hit hit = trace_closest(scene, {down})[0];
     check(hit.primitive == c.primitive, c.what);
-    if (hit.primitive == c.primitive && !is_miss(hit)) check(hit.t == 1, c.what);
+    // The kd-tree's t is exact here; Embree divides by an approximate reciprocal: a few ulp.
+    const float t_error = method().is_kdtree() ? 0.0f : 4 * 0x1p-23f;
+    if (hit.primitive == c.primitive && !is_miss(hit)) check(std::abs(hit.t - 1) <= t_error, c.what);
     // Rays through the degenerate ones, along them too.
     std::vector<gpurt_ray> rays;
     for (const Point &v : degenerate.vertices) {
@@ -137,7 +139,7 @@ TEST_P(Input, Row20FewTriangles)
   {
     // Instances of an empty mesh and of degenerate ones beside a real one.
     const Scene scene = make_scene();
-    add_mesh(scene, Mesh{{{0, 0, 0}}, {}});
+    add_mesh(scene, Mesh{});
     add_mesh(scene, degenerate);
     add_mesh(scene, one);
     commit_scene(scene);

@@ -647,6 +647,30 @@ extern "C" {
 }
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
+pub struct gpurt_state_info {
+    pub struct_size: u32,
+    pub width: u32,
+    pub height: u32,
+    pub camera: u32,
+    pub outputs: u32,
+    pub frame_index: u32,
+    pub seed: u64,
+    pub first_sample: u64,
+    pub num_samples: u64,
+    pub scene_hash: u64,
+    pub pipeline: gpurt_pipeline,
+    pub accel: gpurt_accel,
+    pub triangle_test: gpurt_triangle_test,
+    pub max_depth: u32,
+}
+extern "C" {
+    pub fn gpurt_state_read_info(
+        path: *const ::std::os::raw::c_char,
+        out_info: *mut gpurt_state_info,
+    ) -> gpurt_result;
+}
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
 pub struct gpurt_statistics {
     pub struct_size: u32,
     pub pipeline: gpurt_pipeline,
