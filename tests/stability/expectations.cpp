@@ -23,6 +23,7 @@ Expectation expectation(int row, const Method &method)
                              row == 17 || row == 18;
   if (!is_embree && is_fast && (row == 1 || aims_at_edges)) return {Expected::Fails, edges_in_float};
   if (!is_embree && method.test == GPURT_TRIANGLE_DOUBLE && row == 18) return {Expected::Fails, double_edges};
+  if (is_embree && is_fast && row == 20) return {Expected::Varies, "Embree's fast mode hits some triangles without area"};
   if (is_embree && is_fast && (row == 1 || row == 4)) return {Expected::Varies, embree_fast};
   if (is_embree && row == 14) return {Expected::Varies, embree_ties};
   if (is_embree && aims_at_edges) return {Expected::Varies, is_fast ? embree_fast : embree_edges};
