@@ -116,16 +116,17 @@ typedef struct gpurt_device_properties {
   uint32_t struct_size; /* set by GPURT_DEVICE_PROPERTIES_INIT */
   gpurt_device_type type;
   uint32_t ordinal;
-  uint32_t num_threads;          /* CPU: worker threads; CUDA: multiprocessors */
-  uint64_t memory_bytes;         /* physical memory of the device */
-  uint64_t memory_limit_bytes;   /* 0: none */
-  uint64_t memory_used_bytes;    /* held now by scenes, frames and jobs of this device object */
-  uint64_t memory_peak_bytes;    /* the largest that memory_used_bytes has been */
-  uint32_t compute_capability;   /* CUDA: 90 for 9.0; CPU: 0 */
+  uint32_t num_threads;        /* CPU: worker threads; CUDA: multiprocessors */
+  uint64_t memory_bytes;       /* physical memory of the device */
+  uint64_t memory_limit_bytes; /* 0: none */
+  uint64_t memory_used_bytes;  /* held now by scenes, frames and jobs of this device object */
+  uint64_t memory_peak_bytes;  /* the largest that memory_used_bytes has been */
+  uint32_t compute_capability; /* CUDA: 90 for 9.0; CPU: 0 */
   char name[128];
-  char instruction_set[32];      /* CPU: the variant in use, such as "x86_64_v3"; CUDA: "sm_90" */
+  char instruction_set[32]; /* CPU: the variant in use, such as "x86_64_v3"; CUDA: "sm_90" */
 } gpurt_device_properties;
-#define GPURT_DEVICE_PROPERTIES_INIT {sizeof(gpurt_device_properties), GPURT_DEVICE_AUTO, 0, 0, 0, 0, 0, 0, 0, {0}, {0}}
+#define GPURT_DEVICE_PROPERTIES_INIT \
+  {sizeof(gpurt_device_properties), GPURT_DEVICE_AUTO, 0, 0, 0, 0, 0, 0, 0, {0}, {0}}
 
 /** Lists the devices of this machine: the CPU first, then CUDA devices by ordinal.
  *
@@ -152,7 +153,8 @@ GPURT_API gpurt_result gpurt_device_retain(gpurt_device device);
 GPURT_API gpurt_result gpurt_device_release(gpurt_device device);
 
 /** Reads what the device is and how much memory it holds now. */
-GPURT_API gpurt_result gpurt_device_get_properties(gpurt_device device, gpurt_device_properties *out_properties);
+GPURT_API gpurt_result gpurt_device_get_properties(gpurt_device device,
+                                                   gpurt_device_properties *out_properties);
 
 /* ---- Buffer ----------------------------------------------------------- */
 
@@ -169,8 +171,9 @@ typedef struct gpurt_buffer_desc {
   uint32_t struct_size; /* set by GPURT_BUFFER_DESC_INIT */
   gpurt_storage storage;
   uint64_t size_bytes;
-  void *data;               /* the caller's memory, shared without a copy; NULL: gpurt allocates, filled with zeros */
-  gpurt_release_fn release; /* for the caller's memory; NULL: the caller keeps it valid until the buffer is gone */
+  void *data; /* the caller's memory, shared without a copy; NULL: gpurt allocates, filled with zeros */
+  gpurt_release_fn
+      release; /* for the caller's memory; NULL: the caller keeps it valid until the buffer is gone */
   void *release_user;
 } gpurt_buffer_desc;
 #define GPURT_BUFFER_DESC_INIT {sizeof(gpurt_buffer_desc), GPURT_STORAGE_HOST, 0, NULL, NULL, NULL}
@@ -216,7 +219,8 @@ GPURT_API gpurt_result gpurt_scene_retain(gpurt_scene scene);
 GPURT_API gpurt_result gpurt_scene_release(gpurt_scene scene);
 
 typedef enum gpurt_texture_format {
-  GPURT_TEXTURE_RGBA8_SRGB = 0,   /* uint8 [h][w][4]; colours decoded from sRGB before filtering, alpha linear */
+  GPURT_TEXTURE_RGBA8_SRGB =
+      0, /* uint8 [h][w][4]; colours decoded from sRGB before filtering, alpha linear */
   GPURT_TEXTURE_RGBA8_LINEAR = 1, /* uint8 [h][w][4] / 255 */
   GPURT_TEXTURE_RGBA32F = 2,      /* float32 [h][w][4] */
   GPURT_TEXTURE_FORMAT_FORCE32 = 0x7fffffff
@@ -243,11 +247,12 @@ typedef struct gpurt_texture_desc {
   gpurt_wrap wrap_u;
   gpurt_wrap wrap_v;
   gpurt_filter filter;
-  uint32_t reserved; /* 0 */
+  uint32_t reserved;  /* 0 */
   const void *texels; /* row 0 is the top row and lies at v = 0, as in glTF; copied */
 } gpurt_texture_desc;
 #define GPURT_TEXTURE_DESC_INIT \
-  {sizeof(gpurt_texture_desc), GPURT_TEXTURE_RGBA8_SRGB, 0, 0, GPURT_WRAP_REPEAT, GPURT_WRAP_REPEAT, GPURT_FILTER_LINEAR, 0, NULL}
+  {sizeof(gpurt_texture_desc), GPURT_TEXTURE_RGBA8_SRGB, 0, 0,   GPURT_WRAP_REPEAT, \
+   GPURT_WRAP_REPEAT,          GPURT_FILTER_LINEAR,      0, NULL}
 
 /** Adds a texture; its id counts from 1. Errors: INVALID_ARGUMENT, also for texels that are not finite. */
 GPURT_API gpurt_result gpurt_scene_add_texture(gpurt_scene scene, const gpurt_texture_desc *desc,
@@ -256,22 +261,24 @@ GPURT_API gpurt_result gpurt_scene_add_texture(gpurt_scene scene, const gpurt_te
 typedef enum gpurt_material_type {
   GPURT_MATERIAL_LAMBERT = 0, /* base colour / pi, on both sides */
   GPURT_MATERIAL_MIRROR = 1,  /* perfect mirror, reflectance is the base colour */
-  GPURT_MATERIAL_GLASS = 2,   /* smooth dielectric, exact Fresnel; closed solids; base colour tints transmission */
-  GPURT_MATERIAL_METAL = 3,   /* GGX, alpha = roughness^2, separable Smith, Schlick Fresnel with F0 = base colour */
+  GPURT_MATERIAL_GLASS =
+      2, /* smooth dielectric, exact Fresnel; closed solids; base colour tints transmission */
+  GPURT_MATERIAL_METAL =
+      3, /* GGX, alpha = roughness^2, separable Smith, Schlick Fresnel with F0 = base colour */
   GPURT_MATERIAL_TYPE_FORCE32 = 0x7fffffff
 } gpurt_material_type;
 
 typedef struct gpurt_material_desc {
   uint32_t struct_size; /* set by GPURT_MATERIAL_DESC_INIT, which also sets a white Lambertian surface */
   gpurt_material_type type;
-  float base_color[3];          /* linear, in [0, 1]; zero is black */
-  float roughness;              /* METAL: in (0, 1] */
-  float ior;                    /* GLASS: index of refraction; 0: 1.5 */
-  float alpha;                  /* opacity that multiplies the texture's; used with alpha_cutoff alone */
-  float alpha_cutoff;           /* > 0: parts whose alpha is below it are holes; 0: opaque */
-  float emission[3];            /* radiance, W/(m^2 sr) up to the lights' scale; zero: not a lamp */
-  uint32_t base_color_texture;  /* multiplies base_color; 0: none */
-  uint32_t two_sided_emission;  /* 0: emits from the counter-clockwise side alone; 1: from both */
+  float base_color[3];         /* linear, in [0, 1]; zero is black */
+  float roughness;             /* METAL: in (0, 1] */
+  float ior;                   /* GLASS: index of refraction; 0: 1.5 */
+  float alpha;                 /* opacity that multiplies the texture's; used with alpha_cutoff alone */
+  float alpha_cutoff;          /* > 0: parts whose alpha is below it are holes; 0: opaque */
+  float emission[3];           /* radiance, W/(m^2 sr) up to the lights' scale; zero: not a lamp */
+  uint32_t base_color_texture; /* multiplies base_color; 0: none */
+  uint32_t two_sided_emission; /* 0: emits from the counter-clockwise side alone; 1: from both */
 } gpurt_material_desc;
 #define GPURT_MATERIAL_DESC_INIT \
   {sizeof(gpurt_material_desc), GPURT_MATERIAL_LAMBERT, {1, 1, 1}, 1, 0, 1, 0, {0, 0, 0}, 0, 0}
@@ -289,14 +296,16 @@ typedef struct gpurt_mesh_desc {
   gpurt_array uvs;      /* float32 [n][2]; no array: (0, 0) */
 } gpurt_mesh_desc;
 #define GPURT_MESH_DESC_INIT \
-  {sizeof(gpurt_mesh_desc), 0, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}}
+  {sizeof(gpurt_mesh_desc), 0, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}, \
+   {NULL, NULL, 0, 0, 0}}
 
 /** Adds a triangle mesh. It is seen where instances place it.
  *
  *  Degenerate triangles are legal and never hit. The counter-clockwise side is the front.
  *  Errors: INVALID_ARGUMENT naming the first index out of range or vertex that is not finite.
  */
-GPURT_API gpurt_result gpurt_scene_add_mesh(gpurt_scene scene, const gpurt_mesh_desc *desc, uint32_t *out_geometry);
+GPURT_API gpurt_result gpurt_scene_add_mesh(gpurt_scene scene, const gpurt_mesh_desc *desc,
+                                            uint32_t *out_geometry);
 
 typedef struct gpurt_patches_desc {
   uint32_t struct_size; /* set by GPURT_PATCHES_DESC_INIT */
@@ -331,7 +340,13 @@ typedef struct gpurt_subdivision_desc {
   gpurt_array indices;     /* uint32 [sum of face_counts] */
 } gpurt_subdivision_desc;
 #define GPURT_SUBDIVISION_DESC_INIT \
-  {sizeof(gpurt_subdivision_desc), 0, GPURT_SUBDIVISION_CATMULL_CLARK, 0, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}, {NULL, NULL, 0, 0, 0}}
+  {sizeof(gpurt_subdivision_desc), \
+   0, \
+   GPURT_SUBDIVISION_CATMULL_CLARK, \
+   0, \
+   {NULL, NULL, 0, 0, 0}, \
+   {NULL, NULL, 0, 0, 0}, \
+   {NULL, NULL, 0, 0, 0}}
 
 /** Adds a subdivision surface. This version returns GPURT_ERROR_UNSUPPORTED. */
 GPURT_API gpurt_result gpurt_scene_add_subdivision(gpurt_scene scene, const gpurt_subdivision_desc *desc,
@@ -359,17 +374,18 @@ typedef enum gpurt_light_type {
 typedef struct gpurt_light_desc {
   uint32_t struct_size; /* set by GPURT_LIGHT_DESC_INIT */
   gpurt_light_type type;
-  float intensity[3];          /* POINT, SPOT: W/sr; DISTANT: irradiance on a facing surface, W/m^2 */
-  float position[3];           /* POINT, SPOT */
-  float direction[3];          /* SPOT, DISTANT: where the light shines; need not be unit length */
-  float inner_cone_angle_rad;  /* SPOT: full intensity within; 0 is the axis alone */
-  float outer_cone_angle_rad;  /* SPOT: none beyond; in (inner, pi/2]; falloff as glTF defines it; 0: pi/4 */
+  float intensity[3];         /* POINT, SPOT: W/sr; DISTANT: irradiance on a facing surface, W/m^2 */
+  float position[3];          /* POINT, SPOT */
+  float direction[3];         /* SPOT, DISTANT: where the light shines; need not be unit length */
+  float inner_cone_angle_rad; /* SPOT: full intensity within; 0 is the axis alone */
+  float outer_cone_angle_rad; /* SPOT: none beyond; in (inner, pi/2]; falloff as glTF defines it; 0: pi/4 */
 } gpurt_light_desc;
 #define GPURT_LIGHT_DESC_INIT \
   {sizeof(gpurt_light_desc), GPURT_LIGHT_POINT, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}, 0, 0}
 
 /** Adds a light without extent; ids count from 0. Lamps with extent are materials that emit. Errors: INVALID_ARGUMENT. */
-GPURT_API gpurt_result gpurt_scene_add_light(gpurt_scene scene, const gpurt_light_desc *desc, uint32_t *out_light);
+GPURT_API gpurt_result gpurt_scene_add_light(gpurt_scene scene, const gpurt_light_desc *desc,
+                                             uint32_t *out_light);
 
 typedef struct gpurt_environment_desc {
   uint32_t struct_size; /* set by GPURT_ENVIRONMENT_DESC_INIT */
@@ -394,28 +410,40 @@ typedef enum gpurt_camera_type {
 typedef struct gpurt_camera_desc {
   uint32_t struct_size; /* set by GPURT_CAMERA_DESC_INIT */
   gpurt_camera_type type;
-  float transform[12];     /* camera to world, 3 rows of 4; looks along its -Z, +Y is up; scale is ignored */
-  float yfov_rad;          /* full vertical angle; 0: 45 degrees */
-  float lens_radius;       /* this version: must be 0 (pinhole) */
-  float focus_distance;    /* this version: must be 0 */
-  float shutter_open;      /* this version: must be 0 */
-  float shutter_close;     /* this version: must be 0 */
-  uint32_t width;          /* the image size that the scene's author meant; 0: not said */
+  float transform[12];  /* camera to world, 3 rows of 4; looks along its -Z, +Y is up; scale is ignored */
+  float yfov_rad;       /* full vertical angle; 0: 45 degrees */
+  float lens_radius;    /* this version: must be 0 (pinhole) */
+  float focus_distance; /* this version: must be 0 */
+  float shutter_open;   /* this version: must be 0 */
+  float shutter_close;  /* this version: must be 0 */
+  uint32_t width;       /* the image size that the scene's author meant; 0: not said */
   uint32_t height;
 } gpurt_camera_desc;
 #define GPURT_CAMERA_DESC_INIT \
-  {sizeof(gpurt_camera_desc), GPURT_CAMERA_PERSPECTIVE, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, 0, 0, 0, 0, 0, 0, 0}
+  {sizeof(gpurt_camera_desc), \
+   GPURT_CAMERA_PERSPECTIVE, \
+   {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0}
 
 /** Adds a camera; ids count from 0. Errors: INVALID_ARGUMENT; UNSUPPORTED. */
-GPURT_API gpurt_result gpurt_scene_add_camera(gpurt_scene scene, const gpurt_camera_desc *desc, uint32_t *out_camera);
+GPURT_API gpurt_result gpurt_scene_add_camera(gpurt_scene scene, const gpurt_camera_desc *desc,
+                                              uint32_t *out_camera);
 
 /** Reads a camera back. Errors: INVALID_ARGUMENT if there is no such camera. */
-GPURT_API gpurt_result gpurt_scene_get_camera(gpurt_scene scene, uint32_t camera, gpurt_camera_desc *out_desc);
+GPURT_API gpurt_result gpurt_scene_get_camera(gpurt_scene scene, uint32_t camera,
+                                              gpurt_camera_desc *out_desc);
 
 /* ---- Commit ------------------------------------------------------------ */
 
 typedef enum gpurt_accel {
-  GPURT_ACCEL_AUTO = 0,   /* CUDA: kdtree; CPU: embree, unless an imported tree or a setting of the kdtree is there */
+  GPURT_ACCEL_AUTO =
+      0, /* CUDA: kdtree; CPU: embree, unless an imported tree or a setting of the kdtree is there */
   GPURT_ACCEL_KDTREE = 1, /* the same bits on every backend */
   GPURT_ACCEL_EMBREE = 2, /* CPU alone; no leak and t within a stated bound, not the same bits */
   GPURT_ACCEL_BVH = 3,    /* this version: UNSUPPORTED */
@@ -433,13 +461,14 @@ typedef struct gpurt_build_desc {
   uint32_t struct_size; /* set by GPURT_BUILD_DESC_INIT */
   gpurt_accel accel;
   gpurt_triangle_test triangle_test;
-  uint32_t max_depth;          /* kdtree; 0: 8 + 1.3 log2 N; at most 48 */
-  float traversal_cost;        /* kdtree: cost of a step in units of a triangle test; 0: the library's choice */
-  float empty_bonus;           /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
-  float patch_tolerance;       /* largest distance, in metres of object space, between a patch and its triangles;
+  uint32_t max_depth;    /* kdtree; 0: 8 + 1.3 log2 N; at most 48 */
+  float traversal_cost;  /* kdtree: cost of a step in units of a triangle test; 0: the library's choice */
+  float empty_bonus;     /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
+  float patch_tolerance; /* largest distance, in metres of object space, between a patch and its triangles;
                                   0: 1e-4 of the diagonal of the patches' bounds */
-  uint32_t reserved;           /* 0 */
-  const char *tree_cache_path; /* kdtree: reuse the tree of this file if it fits the scene, else build and write it */
+  uint32_t reserved;     /* 0 */
+  const char *
+      tree_cache_path; /* kdtree: reuse the tree of this file if it fits the scene, else build and write it */
 } gpurt_build_desc;
 #define GPURT_BUILD_DESC_INIT \
   {sizeof(gpurt_build_desc), GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, NULL}
@@ -462,31 +491,33 @@ typedef struct gpurt_scene_facts {
   uint32_t num_materials;
   uint32_t num_textures;
   uint32_t num_cameras;
-  uint32_t num_point_lights;   /* point and spot */
+  uint32_t num_point_lights; /* point and spot */
   uint32_t num_distant_lights;
-  uint64_t num_patches;        /* stored */
-  uint64_t num_triangles;      /* stored, tessellated patches included */
+  uint64_t num_patches;         /* stored */
+  uint64_t num_triangles;       /* stored, tessellated patches included */
   uint64_t num_world_triangles; /* seen through all instances */
   uint64_t num_emissive_triangles;
-  float bounds_min[3];         /* world; an empty scene has min > max */
+  float bounds_min[3]; /* world; an empty scene has min > max */
   float bounds_max[3];
   uint32_t has_environment;
   uint32_t has_glass;
   uint32_t has_alpha_masks;
-  uint32_t is_committed;       /* 1: a commit is in force, which later changes may not be part of */
+  uint32_t is_committed; /* 1: a commit is in force, which later changes may not be part of */
   /* what the last commit built; zero before it */
   gpurt_accel accel;
   gpurt_triangle_test triangle_test;
-  uint64_t accel_bytes;        /* acceleration structure, its copies of triangles included */
-  uint64_t scene_bytes;        /* everything that the commit holds */
+  uint64_t accel_bytes; /* acceleration structure, its copies of triangles included */
+  uint64_t scene_bytes; /* everything that the commit holds */
   uint64_t num_nodes;
-  uint64_t num_references;     /* triangle references in leaves */
+  uint64_t num_references; /* triangle references in leaves */
   uint32_t tree_depth;
-  uint32_t tree_from_cache;    /* 1: read from the cache file or imported */
+  uint32_t tree_from_cache; /* 1: read from the cache file or imported */
   double build_seconds;
   double sah_cost;
 } gpurt_scene_facts;
-#define GPURT_SCENE_FACTS_INIT {sizeof(gpurt_scene_facts), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}, {0}, 0, 0, 0, 0, GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0}
+#define GPURT_SCENE_FACTS_INIT \
+  {sizeof(gpurt_scene_facts), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}, {0}, 0, 0, 0, 0, GPURT_ACCEL_AUTO, \
+   GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0}
 
 /** Reads counts and facts of a scene: of the description as it is now, but triangles, patches and bounds as of the
  *  last commit. Before the first commit what a commit adds is zero. */
@@ -502,11 +533,11 @@ typedef struct gpurt_kdtree_node {
 } gpurt_kdtree_node;
 
 typedef struct gpurt_kdtree {
-  uint32_t struct_size;     /* set by GPURT_KDTREE_INIT */
-  uint32_t tree;            /* 0: all geometries placed once, in world space; 1 + g: geometry g, in object space */
-  uint64_t num_nodes;       /* node 0 is the root; a child's index exceeds its parent's */
+  uint32_t struct_size; /* set by GPURT_KDTREE_INIT */
+  uint32_t tree;      /* 0: all geometries placed once, in world space; 1 + g: geometry g, in object space */
+  uint64_t num_nodes; /* node 0 is the root; a child's index exceeds its parent's */
   uint64_t num_references;
-  uint64_t num_triangles;   /* of this tree; tree 0 orders them by instance, then primitive */
+  uint64_t num_triangles; /* of this tree; tree 0 orders them by instance, then primitive */
   float bounds_min[3];
   float bounds_max[3];
   gpurt_kdtree_node *nodes; /* [num_nodes] */
@@ -572,16 +603,25 @@ typedef struct gpurt_trace_desc {
   uint32_t struct_size; /* set by GPURT_TRACE_DESC_INIT */
   gpurt_query query;
   gpurt_hit_format format;
-  gpurt_storage storage;   /* where rays, hits, occluded and offsets lie */
+  gpurt_storage storage; /* where rays, hits, occluded and offsets lie */
   uint64_t num_rays;
-  const gpurt_ray *rays;   /* [num_rays] */
-  void *hits;              /* CLOSEST: [num_rays]; ALL: [hit_capacity] or NULL to count; ANY: NULL. Not the rays' memory */
-  uint8_t *occluded;       /* ANY: [num_rays]; else NULL */
-  uint64_t *offsets;       /* ALL: [num_rays + 1]; ray i has hits offsets[i] .. offsets[i + 1]; else NULL */
-  uint64_t hit_capacity;   /* ALL: elements that hits has room for */
+  const gpurt_ray *rays; /* [num_rays] */
+  void *hits; /* CLOSEST: [num_rays]; ALL: [hit_capacity] or NULL to count; ANY: NULL. Not the rays' memory */
+  uint8_t *occluded;     /* ANY: [num_rays]; else NULL */
+  uint64_t *offsets;     /* ALL: [num_rays + 1]; ray i has hits offsets[i] .. offsets[i + 1]; else NULL */
+  uint64_t hit_capacity; /* ALL: elements that hits has room for */
 } gpurt_trace_desc;
 #define GPURT_TRACE_DESC_INIT \
-  {sizeof(gpurt_trace_desc), GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, GPURT_STORAGE_HOST, 0, NULL, NULL, NULL, NULL, 0}
+  {sizeof(gpurt_trace_desc), \
+   GPURT_QUERY_CLOSEST, \
+   GPURT_HIT_FULL, \
+   GPURT_STORAGE_HOST, \
+   0, \
+   NULL, \
+   NULL, \
+   NULL, \
+   NULL, \
+   0}
 
 /** Traces a batch of rays on all threads of the device and returns when it is done.
  *
@@ -594,17 +634,19 @@ GPURT_API gpurt_result gpurt_scene_trace(gpurt_scene scene, const gpurt_trace_de
 /* ---- Frames and rendering ------------------------------------------------ */
 
 typedef enum gpurt_output {
-  GPURT_OUTPUT_COLOR = 0,        /* float32 [h][w][3], radiance: mean over samples */
-  GPURT_OUTPUT_ALPHA = 1,        /* float32 [h][w]: share of samples whose eye ray hit something */
-  GPURT_OUTPUT_DEPTH = 2,        /* float32 [h][w]: distance from the camera's plane, first sample; inf: nothing hit */
+  GPURT_OUTPUT_COLOR = 0, /* float32 [h][w][3], radiance: mean over samples */
+  GPURT_OUTPUT_ALPHA = 1, /* float32 [h][w]: share of samples whose eye ray hit something */
+  GPURT_OUTPUT_DEPTH =
+      2, /* float32 [h][w]: distance from the camera's plane, first sample; inf: nothing hit */
   GPURT_OUTPUT_NORMAL = 3,       /* float32 [h][w][3]: shading normal towards the viewer, mean over samples */
   GPURT_OUTPUT_ALBEDO = 4,       /* float32 [h][w][3]: reflectance of the first surface, mean over samples */
   GPURT_OUTPUT_POSITION = 5,     /* float32 [h][w][3]: world position, first sample; nothing hit: 0 */
   GPURT_OUTPUT_PRIMITIVE = 6,    /* uint32 [h][w], first sample; GPURT_INVALID_ID: nothing hit */
   GPURT_OUTPUT_INSTANCE = 7,     /* uint32 [h][w], first sample */
   GPURT_OUTPUT_SAMPLE_COUNT = 8, /* uint32 [h][w] */
-  GPURT_OUTPUT_VARIANCE = 9,     /* float32 [h][w][3]: variance of the colour, from two independent halves; infinite while one is empty */
-  GPURT_OUTPUT_TIME = 10,        /* this version: UNSUPPORTED */
+  GPURT_OUTPUT_VARIANCE =
+      9, /* float32 [h][w][3]: variance of the colour, from two independent halves; infinite while one is empty */
+  GPURT_OUTPUT_TIME = 10, /* this version: UNSUPPORTED */
   GPURT_OUTPUT_COUNT = 11,
   GPURT_OUTPUT_FORCE32 = 0x7fffffff
 } gpurt_output;
@@ -617,7 +659,8 @@ typedef struct gpurt_frame_desc {
   uint32_t outputs;     /* bits 1 << gpurt_output; colour, alpha and sample count are always kept */
   uint32_t frame_index; /* of an animation: decorrelates the samples of different frames */
   uint64_t seed;
-  uint64_t first_sample; /* the first sample index that this frame renders; frames with other ranges can be merged */
+  uint64_t
+      first_sample; /* the first sample index that this frame renders; frames with other ranges can be merged */
 } gpurt_frame_desc;
 #define GPURT_FRAME_DESC_INIT {sizeof(gpurt_frame_desc), 0, 0, 0, 0, 0, 0, 0}
 
@@ -626,7 +669,8 @@ typedef struct gpurt_frame_desc {
  *  Pixel (x, y) covers [x, x+1) x [y, y+1), row 0 is the top row; a value is the mean over that square.
  *  Errors: INVALID_ARGUMENT; OUT_OF_MEMORY; UNSUPPORTED.
  */
-GPURT_API gpurt_result gpurt_frame_create(gpurt_scene scene, const gpurt_frame_desc *desc, gpurt_frame *out_frame);
+GPURT_API gpurt_result gpurt_frame_create(gpurt_scene scene, const gpurt_frame_desc *desc,
+                                          gpurt_frame *out_frame);
 GPURT_API gpurt_result gpurt_frame_retain(gpurt_frame frame);
 GPURT_API gpurt_result gpurt_frame_release(gpurt_frame frame);
 
@@ -651,10 +695,11 @@ typedef struct gpurt_render_desc {
   uint32_t struct_size; /* set by GPURT_RENDER_DESC_INIT */
   gpurt_pipeline pipeline;
   uint32_t samples_per_pixel; /* until every pixel of the tiles has this many; 0: by error or time, else 64 */
-  float target_error;         /* stop at the first whole-frame pass whose estimated relMSE is below; 0: none */
-  double time_limit_s;        /* stop at the last whole-frame pass that fits; 0: none */
-  uint32_t max_depth;         /* emission seen directly is 1, direct light 2; 0: 17 */
-  uint32_t tile_size;         /* edge of the square work unit in pixels; 0: the library's choice; at most 128; changes no bits */
+  float target_error;  /* stop at the first whole-frame pass whose estimated relMSE is below; 0: none */
+  double time_limit_s; /* stop at the last whole-frame pass that fits; 0: none */
+  uint32_t max_depth;  /* emission seen directly is 1, direct light 2; 0: 17 */
+  uint32_t
+      tile_size; /* edge of the square work unit in pixels; 0: the library's choice; at most 128; changes no bits */
   gpurt_progress_fn progress; /* NULL: none */
   void *progress_user;
 } gpurt_render_desc;
@@ -670,8 +715,8 @@ typedef struct gpurt_render_desc {
  *  the image has the same bits as if it had run at once. Jobs of one frame run one after another.
  *  Errors: INVALID_ARGUMENT; UNSUPPORTED; OUT_OF_MEMORY.
  */
-GPURT_API gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc, const gpurt_tile *tiles,
-                                          size_t num_tiles, gpurt_job *out_job);
+GPURT_API gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc,
+                                          const gpurt_tile *tiles, size_t num_tiles, gpurt_job *out_job);
 
 /** Waits for a job. Returns its result, CANCELLED if it was cancelled, or TIMEOUT if it still runs. timeout_ns 0 polls. */
 GPURT_API gpurt_result gpurt_job_wait(gpurt_job job, uint64_t timeout_ns);
@@ -694,7 +739,8 @@ GPURT_API gpurt_result gpurt_job_release(gpurt_job job);
  *  Pixels without samples are 0, their ids GPURT_INVALID_ID. May be called while a job runs: whole samples are seen.
  *  Errors: INVALID_ARGUMENT, also for an output that the frame was not created with.
  */
-GPURT_API gpurt_result gpurt_frame_read(gpurt_frame frame, gpurt_output output, void *data, uint64_t size_bytes);
+GPURT_API gpurt_result gpurt_frame_read(gpurt_frame frame, gpurt_output output, void *data,
+                                        uint64_t size_bytes);
 
 /** Writes the frame to a file, by its extension.
  *
@@ -734,7 +780,8 @@ typedef struct gpurt_state_info {
   uint32_t max_depth; /* 0: no samples yet */
 } gpurt_state_info;
 #define GPURT_STATE_INFO_INIT \
-  {sizeof(gpurt_state_info), 0, 0, 0, 0, 0, 0, 0, 0, 0, GPURT_PIPELINE_AUTO, GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0}
+  {sizeof(gpurt_state_info),  0, 0, 0, 0, 0, 0, 0, 0, 0, GPURT_PIPELINE_AUTO, GPURT_ACCEL_AUTO, \
+   GPURT_TRIANGLE_WATERTIGHT, 0}
 
 /** Reads what a .gpurt file is the state of: how to create and build a frame that can load it.
  *
@@ -756,25 +803,53 @@ typedef struct gpurt_statistics {
   uint64_t seed;
   uint64_t samples_per_pixel; /* the smallest number that a pixel of the frame has */
   /* totals over all jobs of the frame */
-  uint64_t num_samples;       /* camera paths */
+  uint64_t num_samples; /* camera paths */
   uint64_t num_camera_rays;
   uint64_t num_bounce_rays;
   uint64_t num_shadow_rays;
-  uint64_t num_nonfinite;     /* samples that were not finite and left out; 0 in a sound scene */
-  uint64_t num_saturated;     /* sums that left the film's range; not 0 makes the job fail */
+  uint64_t num_nonfinite; /* samples that were not finite and left out; 0 in a sound scene */
+  uint64_t num_saturated; /* sums that left the film's range; not 0 makes the job fail */
   double render_seconds;
-  double generate_seconds;    /* per stage, summed over threads */
+  double generate_seconds; /* per stage, summed over threads */
   double trace_seconds;
   double shade_seconds;
   double shadow_seconds;
   double film_seconds;
-  double build_seconds;       /* of the scene's commit */
-  double estimated_error;     /* relMSE of the frame, from two independent halves; negative: not known */
-  double largest_sample;      /* largest radiance of a single sample */
+  double build_seconds;   /* of the scene's commit */
+  double estimated_error; /* relMSE of the frame, from two independent halves; negative: not known */
+  double largest_sample;  /* largest radiance of a single sample */
   uint64_t memory_peak_bytes;
-  char reason[256];           /* why settings were chosen */
+  char reason[256]; /* why settings were chosen */
 } gpurt_statistics;
-#define GPURT_STATISTICS_INIT {sizeof(gpurt_statistics), GPURT_PIPELINE_AUTO, GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}}
+#define GPURT_STATISTICS_INIT \
+  {sizeof(gpurt_statistics), \
+   GPURT_PIPELINE_AUTO, \
+   GPURT_ACCEL_AUTO, \
+   GPURT_TRIANGLE_WATERTIGHT, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   {0}}
 
 /** Reads the statistics of a frame; while a job runs, of what is done so far. */
 GPURT_API gpurt_result gpurt_frame_get_statistics(gpurt_frame frame, gpurt_statistics *out_statistics);

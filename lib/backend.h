@@ -30,11 +30,12 @@ struct HostKdTree {
 struct BuildOptions {
   Accel accel = Accel::Auto;
   TriangleTest triangle_test = TriangleTest::Watertight;
-  uint32_t max_depth = 0;      // 0: 8 + 1.3 log2 N
-  float traversal_cost = 0;    // 0: the builder's choice
-  float empty_bonus = 0;       // 0: the builder's choice
-  std::string cache_path;      // "": none
-  std::vector<std::pair<uint32_t, std::shared_ptr<const HostKdTree>>> imported;  // (tree, nodes) to use in place of building
+  uint32_t max_depth = 0;    // 0: 8 + 1.3 log2 N
+  float traversal_cost = 0;  // 0: the builder's choice
+  float empty_bonus = 0;     // 0: the builder's choice
+  std::string cache_path;    // "": none
+  std::vector<std::pair<uint32_t, std::shared_ptr<const HostKdTree>>>
+      imported;  // (tree, nodes) to use in place of building
 };
 
 /// What a commit built, for gpurt_scene_facts.
@@ -104,7 +105,8 @@ class StreamTracing {
  public:
   virtual ~StreamTracing() = default;
   /// Queues the request, whose memory is the device's, and returns; the committed scene outlives the work.
-  virtual void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event, void *done_event) const = 0;
+  virtual void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event,
+                               void *done_event) const = 0;
 };
 
 struct DeviceInfo {
@@ -122,7 +124,8 @@ class Backend {
   virtual ~Backend() = default;
   virtual const DeviceInfo &info() const = 0;
   virtual const std::shared_ptr<MemoryTracker> &memory() const = 0;
-  virtual std::shared_ptr<const CommittedScene> commit(std::shared_ptr<const CompiledScene> scene, const BuildOptions &options) = 0;
+  virtual std::shared_ptr<const CommittedScene> commit(std::shared_ptr<const CompiledScene> scene,
+                                                       const BuildOptions &options) = 0;
   /// Device memory that the host cannot reach, filled with zeros; the deleter frees it. On the CPU: host memory.
   virtual std::shared_ptr<void> allocate(uint64_t bytes) = 0;
   virtual void copy_to_host(void *host, const void *device, uint64_t bytes) = 0;

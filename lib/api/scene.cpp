@@ -202,7 +202,8 @@ gpurt_result gpurt_scene_load(gpurt_device device, const char *path, gpurt_scene
     require(path, "path");
     require(out_scene, "out_scene");
     const auto scene = std::make_shared<Scene>(parent);
-    scene->data = load_gltf(path, [&](const std::string &warning) { (*parent->log)(GPURT_LOG_WARNING, warning); });
+    scene->data =
+        load_gltf(path, [&](const std::string &warning) { (*parent->log)(GPURT_LOG_WARNING, warning); });
     scene->loaded_memory = Reservation(parent->memory(), description_bytes(scene->data), "the loaded scene");
     *out_scene = publish<gpurt_scene>(scene);
   });

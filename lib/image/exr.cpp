@@ -46,7 +46,8 @@ std::string one_line(std::string text)
 uint64_t file_size(const std::string &path)
 {
   struct stat status;
-  if (::stat(path.c_str(), &status) != 0) fail(GPURT_ERROR_IO, "{}: cannot be read: {}", path, std::strerror(errno));
+  if (::stat(path.c_str(), &status) != 0)
+    fail(GPURT_ERROR_IO, "{}: cannot be read: {}", path, std::strerror(errno));
   if (S_ISDIR(status.st_mode)) fail(GPURT_ERROR_IO, "{}: is a folder, not an EXR file", path);
   return uint64_t(status.st_size);
 }
@@ -64,7 +65,8 @@ ImageRgba read_rgba(const std::string &path, uint64_t size_bytes)
 {
   Imf::InputFile file(path.c_str());
   const Imath::Box2i window = file.header().dataWindow();
-  const int64_t width = int64_t(window.max.x) - window.min.x + 1, height = int64_t(window.max.y) - window.min.y + 1;
+  const int64_t width = int64_t(window.max.x) - window.min.x + 1,
+                height = int64_t(window.max.y) - window.min.y + 1;
   // No compression of the format shrinks a pixel to fewer than 1/4096 bytes, so a damaged size costs no memory.
   if (width <= 0 || height <= 0 || uint64_t(width) * uint64_t(height) / 4096 > size_bytes) {
     fail(GPURT_ERROR_IO, "{}: damaged: {} bytes cannot hold {} x {} pixels", path, size_bytes, width, height);
@@ -85,13 +87,14 @@ ImageRgba read_rgba(const std::string &path, uint64_t size_bytes)
   Imf::FrameBuffer buffer;
   for (int c = 0; c < 4; ++c) {
     if (!has_rgb && (c == 1 || c == 2)) continue;
-    buffer.insert(names[c],
-                  Imf::Slice(Imf::FLOAT, origin + c * sizeof(float), x_stride, y_stride, 1, 1, c == 3 ? 1.0 : 0.0));
+    buffer.insert(names[c], Imf::Slice(Imf::FLOAT, origin + c * sizeof(float), x_stride, y_stride, 1, 1,
+                                       c == 3 ? 1.0 : 0.0));
   }
   file.setFrameBuffer(buffer);
   file.readPixels(window.min.y, window.max.y);
   if (!has_rgb) {
-    for (size_t i = 0; i < image.pixels.size(); i += 4) image.pixels[i + 1] = image.pixels[i + 2] = image.pixels[i];
+    for (size_t i = 0; i < image.pixels.size(); i += 4)
+      image.pixels[i + 1] = image.pixels[i + 2] = image.pixels[i];
   }
   return image;
 }
@@ -112,18 +115,20 @@ ImageRgba read_exr_rgba(const std::string &path)
   }
 }
 
-void write_exr(const std::string &path, uint32_t width, uint32_t height, const std::vector<ExrChannel> &channels,
-               const ExrAttributes &attributes, const ExrFill &fill)
+void write_exr(const std::string &path, uint32_t width, uint32_t height,
+               const std::vector<ExrChannel> &channels, const ExrAttributes &attributes, const ExrFill &fill)
 {
   AtomicFile file(path);
   try {
     Imf::Header header(static_cast<int>(width), static_cast<int>(height));
     header.compression() = Imf::ZIP_COMPRESSION;
     for (const ExrChannel &channel : channels) {
-      header.channels().insert(channel.name, Imf::Channel(channel.type == ExrType::Float ? Imf::FLOAT : Imf::UINT));
+      header.channels().insert(channel.name,
+                               Imf::Channel(channel.type == ExrType::Float ? Imf::FLOAT : Imf::UINT));
     }
     for (const auto &[name, value] : attributes) {
-      if (const auto *text = std::get_if<std::string>(&value)) header.insert(name, Imf::StringAttribute(*text));
+      if (const auto *text = std::get_if<std::string>(&value))
+        header.insert(name, Imf::StringAttribute(*text));
       else if (const auto *whole = std::get_if<int>(&value)) header.insert(name, Imf::IntAttribute(*whole));
       else header.insert(name, Imf::FloatAttribute(std::get<float>(value)));
     }

@@ -36,7 +36,7 @@ using ExrFill = std::function<void(uint32_t y0, uint32_t y1, const std::vector<v
 
 /// Writes a single-part scanline file with ZIP compression, a block of rows at a time: the rows of a large frame are
 /// never in memory at once. Throws IO; what was at `path` stays until the new file is whole.
-void write_exr(const std::string &path, uint32_t width, uint32_t height, const std::vector<ExrChannel> &channels,
-               const ExrAttributes &attributes, const ExrFill &fill);
+void write_exr(const std::string &path, uint32_t width, uint32_t height,
+               const std::vector<ExrChannel> &channels, const ExrAttributes &attributes, const ExrFill &fill);
 
 }  // namespace gpurt

@@ -40,18 +40,20 @@ ImageErrors compare_images(const float *image, const float *reference, uint64_t 
   const auto dropped = uint64_t(std::ceil(double(num_pixels) * trim));
   const uint64_t keep = std::max<uint64_t>(num_pixels - dropped, 1);
   std::nth_element(per_pixel.begin(), per_pixel.begin() + ptrdiff_t(keep - 1), per_pixel.end());
-  errors.trimmed = std::accumulate(per_pixel.begin(), per_pixel.begin() + ptrdiff_t(keep), 0.0) / double(keep);
+  errors.trimmed =
+      std::accumulate(per_pixel.begin(), per_pixel.begin() + ptrdiff_t(keep), 0.0) / double(keep);
   return errors;
 }
 
-std::vector<TileErrors> compare_tiles(const float *image, const float *reference, uint32_t width, uint32_t height,
-                                      uint32_t tile_size)
+std::vector<TileErrors> compare_tiles(const float *image, const float *reference, uint32_t width,
+                                      uint32_t height, uint32_t tile_size)
 {
   if (tile_size == 0) fail_invalid("tile_size is 0; it must be at least 1");
   std::vector<TileErrors> tiles;
   for (uint64_t y0 = 0; y0 < height; y0 += tile_size) {
     for (uint64_t x0 = 0; x0 < width; x0 += tile_size) {
-      const uint64_t x1 = std::min<uint64_t>(x0 + tile_size, width), y1 = std::min<uint64_t>(y0 + tile_size, height);
+      const uint64_t x1 = std::min<uint64_t>(x0 + tile_size, width),
+                     y1 = std::min<uint64_t>(y0 + tile_size, height);
       TileErrors tile{uint32_t(x0), uint32_t(y0), uint32_t(x1), uint32_t(y1), {}, {}, 0};
       for (uint64_t y = y0; y < y1; ++y) {
         for (uint64_t x = x0; x < x1; ++x) {

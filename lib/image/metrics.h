@@ -14,7 +14,8 @@ struct ImageErrors {
   double bias_rgb[3] = {};   // per channel
   double bias_relative = 0;  // as a share of the reference's mean; NaN for a black reference
 };
-ImageErrors compare_images(const float *image, const float *reference, uint64_t num_pixels, double trim = 0.001);
+ImageErrors compare_images(const float *image, const float *reference, uint64_t num_pixels,
+                           double trim = 0.001);
 
 /// Means of one 8 x 8 tile (smaller at the right and bottom edges), over pixels, per channel.
 struct TileErrors {
@@ -23,7 +24,7 @@ struct TileErrors {
   double reference_mean[3];
   double relmse;
 };
-std::vector<TileErrors> compare_tiles(const float *image, const float *reference, uint32_t width, uint32_t height,
-                                      uint32_t tile_size = 8);
+std::vector<TileErrors> compare_tiles(const float *image, const float *reference, uint32_t width,
+                                      uint32_t height, uint32_t tile_size = 8);
 
 }  // namespace gpurt

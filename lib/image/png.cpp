@@ -57,8 +57,8 @@ bool write_header(png_structp png, png_infop info, PngState *state, uint32_t wid
 {
   if (setjmp(png_jmpbuf(png)) != 0) return false;
   png_set_write_fn(png, state, png_write, png_flush);
-  png_set_IHDR(png, info, width, height, 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
-               PNG_FILTER_TYPE_DEFAULT);
+  png_set_IHDR(png, info, width, height, 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE,
+               PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
   png_set_sRGB_gAMA_and_cHRM(png, info, PNG_sRGB_INTENT_RELATIVE);
   png_write_info(png, info);
   return true;

@@ -31,7 +31,8 @@ AffineDouble multiply(const AffineDouble &a, const AffineDouble &b)
   AffineDouble c;
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 4; ++j) {
-      c[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j] + (j == 3 ? a[4 * i + 3] : 0);
+      c[4 * i + j] =
+          a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j] + (j == 3 ? a[4 * i + 3] : 0);
     }
   }
   return c;
@@ -51,7 +52,7 @@ Vec3d transform_vector(const AffineDouble &t, Vec3d v)
 
 double determinant(const AffineDouble &t)
 {
-  const double terms[6] = {t[0] * t[5] * t[10],  t[1] * t[6] * t[8],   t[2] * t[4] * t[9],
+  const double terms[6] = {t[0] * t[5] * t[10], t[1] * t[6] * t[8],   t[2] * t[4] * t[9],
                            -t[2] * t[5] * t[8], -t[1] * t[4] * t[10], -t[0] * t[6] * t[9]};
   double sum = 0, magnitude = 0;
   for (double term : terms) {
@@ -83,7 +84,8 @@ AffineDouble inverse(const AffineDouble &t)
 
 Vec3d transform_normal(const AffineDouble &inverse, Vec3d n)
 {
-  return {inverse[0] * n.x + inverse[4] * n.y + inverse[8] * n.z, inverse[1] * n.x + inverse[5] * n.y + inverse[9] * n.z,
+  return {inverse[0] * n.x + inverse[4] * n.y + inverse[8] * n.z,
+          inverse[1] * n.x + inverse[5] * n.y + inverse[9] * n.z,
           inverse[2] * n.x + inverse[6] * n.y + inverse[10] * n.z};
 }
 

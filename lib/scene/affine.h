@@ -25,7 +25,10 @@ inline Vec3d cross(Vec3d a, Vec3d b)
 {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
-inline double max_component_abs(Vec3d v) { return std::fmax(std::fabs(v.x), std::fmax(std::fabs(v.y), std::fabs(v.z))); }
+inline double max_component_abs(Vec3d v)
+{
+  return std::fmax(std::fabs(v.x), std::fmax(std::fabs(v.y), std::fabs(v.z)));
+}
 inline bool is_zero(Vec3d v) { return v.x == 0 && v.y == 0 && v.z == 0; }
 
 /// Unit vector along v, which is not zero; safe from overflow and underflow of the squares.

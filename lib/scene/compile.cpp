@@ -49,7 +49,8 @@ class Compiler {
     out_.materials = in_.materials;
     out_.cameras = in_.cameras;
     for (const TextureData &t : in_.textures) {
-      out_.textures.push_back({t.texels->data(), t.width, t.height, t.format, t.wrap_u, t.wrap_v, t.nearest ? 1u : 0u});
+      out_.textures.push_back(
+          {t.texels->data(), t.width, t.height, t.format, t.wrap_u, t.wrap_v, t.nearest ? 1u : 0u});
       out_.texture_data.push_back(t.texels);
     }
   }
@@ -88,18 +89,22 @@ class Compiler {
       s.geometry = p.geometry;
       s.instance = p.instance;
       s.first_light = invalid_id;
-      s.flips = p.instance != invalid_id && determinant(in_.instances[p.instance].transform_double) < 0 ? 1 : 0;
+      s.flips =
+          p.instance != invalid_id && determinant(in_.instances[p.instance].transform_double) < 0 ? 1 : 0;
       vertices += source->num_vertices();
       triangles += source->num_triangles();
       normals += source->has_normals() ? source->num_vertices() : 0;
       uvs += source->has_uvs() ? source->num_vertices() : 0;
       if (vertices >= max_elements || triangles >= max_elements) {
-        fail_invalid("the scene has more than 2^32 - 2 stored vertices or triangles with geometry {}; split the scene, or share geometries among instances",
-                     p.geometry);
+        fail_invalid(
+            "the scene has more than 2^32 - 2 stored vertices or triangles with geometry {}; split the "
+            "scene, or share geometries among instances",
+            p.geometry);
       }
       out_.segments.push_back(s);
       out_.has_alpha_masks |= in_.materials[s.material].alpha_cutoff > 0;
-      if (geometry.kind == GeometryKind::Patches) out_.num_patches += geometry.patches.control_points.size() / 16;
+      if (geometry.kind == GeometryKind::Patches)
+        out_.num_patches += geometry.patches.control_points.size() / 16;
       sources_.push_back(std::move(source));
     }
     out_.positions.resize(vertices);
@@ -133,10 +138,13 @@ class Compiler {
     }
     if (s.first_uv != invalid_id) source.store_uvs(out_.uvs.data() + s.first_uv);
     std::fill_n(out_.triangle_segment.begin() + s.first_triangle, s.num_triangles, index);
-    const uint64_t bad = find_first(source.num_vertices(), [&](uint64_t i) { return !is_finite(positions[i]); });
+    const uint64_t bad =
+        find_first(source.num_vertices(), [&](uint64_t i) { return !is_finite(positions[i]); });
     if (bad != source.num_vertices()) {
-      fail_invalid("instance {} moves vertex {} of geometry {} beyond the range of 32-bit floats; make its transform smaller",
-                   p.instance, bad, p.geometry);
+      fail_invalid(
+          "instance {} moves vertex {} of geometry {} beyond the range of 32-bit floats; make its transform "
+          "smaller",
+          p.instance, bad, p.geometry);
     }
   }
 
@@ -152,12 +160,14 @@ class Compiler {
   void make_groups()
   {
     const uint64_t num_triangles = out_.indices.size();
-    const uint64_t num_baked = num_baked_ < out_.segments.size() ? out_.segments[num_baked_].first_triangle : num_triangles;
+    const uint64_t num_baked =
+        num_baked_ < out_.segments.size() ? out_.segments[num_baked_].first_triangle : num_triangles;
     out_.groups.push_back({0, uint32_t(num_baked), bounds_of_triangles(0, num_baked)});
     out_.group_geometry.push_back(invalid_id);
     for (size_t i = num_baked_; i < out_.segments.size(); ++i) {
       const Segment &s = out_.segments[i];
-      out_.groups.push_back({s.first_triangle, s.num_triangles, bounds_of_triangles(s.first_triangle, s.num_triangles)});
+      out_.groups.push_back(
+          {s.first_triangle, s.num_triangles, bounds_of_triangles(s.first_triangle, s.num_triangles)});
       out_.group_geometry.push_back(s.geometry);
     }
     out_.bounds = out_.groups[0].bounds;
@@ -183,8 +193,9 @@ class Compiler {
       p.first_light = invalid_id;
       p.flips = determinant(t) < 0 ? 1 : 0;
       if (!is_finite(p.bounds.lo) || !is_finite(p.bounds.hi)) {
-        fail_invalid("instance {} moves geometry {} beyond the range of 32-bit floats; make its transform smaller", i,
-                     instance.geometry);
+        fail_invalid(
+            "instance {} moves geometry {} beyond the range of 32-bit floats; make its transform smaller", i,
+            instance.geometry);
       }
       out_.bounds = extend(out_.bounds, p.bounds);
       out_.placements.push_back(p);
@@ -218,8 +229,9 @@ class Compiler {
     if (max_component(m.emission) <= 0 || s.num_triangles == 0) return;
     // The tree has twice as many nodes as lights.
     if (out_.lights.size() + s.num_triangles + in_.lights.size() >= max_elements / 2) {
-      fail_invalid("the scene has more than 2^31 lamp triangles with geometry {}; make fewer of its triangles emit",
-                   s.geometry);
+      fail_invalid(
+          "the scene has more than 2^31 lamp triangles with geometry {}; make fewer of its triangles emit",
+          s.geometry);
     }
     first_light = uint32_t(out_.lights.size());
     for (uint32_t t = 0; t < s.num_triangles; ++t) {
@@ -260,7 +272,8 @@ class Compiler {
 CompiledScene compile_scene(const SceneData &scene, float patch_tolerance)
 {
   if (!(patch_tolerance >= 0) || !std::isfinite(patch_tolerance)) {
-    fail_invalid("patch_tolerance is {}; it must be a finite number of metres, or 0 for the default", patch_tolerance);
+    fail_invalid("patch_tolerance is {}; it must be a finite number of metres, or 0 for the default",
+                 patch_tolerance);
   }
   return Compiler(scene, patch_tolerance).run();
 }
@@ -299,10 +312,10 @@ SceneView CompiledScene::view() const
 uint64_t CompiledScene::bytes() const
 {
   const auto size = [](const auto &v) { return uint64_t(v.capacity()) * sizeof(v[0]); };
-  uint64_t sum = size(positions) + size(indices) + size(triangle_segment) + size(normals) + size(uvs) + size(segments) +
-                 size(groups) + size(group_geometry) + size(placements) + size(materials) + size(textures) +
-                 size(texture_data) + size(lights) + size(light_nodes) + size(environment_rows) +
-                 size(environment_columns) + size(cameras);
+  uint64_t sum = size(positions) + size(indices) + size(triangle_segment) + size(normals) + size(uvs) +
+                 size(segments) + size(groups) + size(group_geometry) + size(placements) + size(materials) +
+                 size(textures) + size(texture_data) + size(lights) + size(light_nodes) +
+                 size(environment_rows) + size(environment_columns) + size(cameras);
   for (const auto &texels : texture_data) sum += texels->size();
   return sum;
 }

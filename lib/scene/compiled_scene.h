@@ -16,7 +16,8 @@ struct CompiledScene {
   std::vector<Vec2f> uvs;
   std::vector<Segment> segments;
   std::vector<Group> groups;  // group 0 is always there
-  std::vector<uint32_t> group_geometry;  // public id of the shared geometry of a group; invalid_id for group 0
+  std::vector<uint32_t>
+      group_geometry;  // public id of the shared geometry of a group; invalid_id for group 0
   std::vector<Placement> placements;
   std::vector<Material> materials;
   std::vector<Texture> textures;  // texels point into texture_data

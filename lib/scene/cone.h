@@ -17,13 +17,20 @@ inline Angle angle_from_cos(double c)
   c = c < -1 ? -1 : (c > 1 ? 1 : c);
   return {c, std::sqrt((1 - c) * (1 + c))};
 }
-inline Angle operator+(Angle a, Angle b) { return {a.cos * b.cos - a.sin * b.sin, a.sin * b.cos + a.cos * b.sin}; }
-inline Angle operator-(Angle a, Angle b) { return {a.cos * b.cos + a.sin * b.sin, a.sin * b.cos - a.cos * b.sin}; }
+inline Angle operator+(Angle a, Angle b)
+{
+  return {a.cos * b.cos - a.sin * b.sin, a.sin * b.cos + a.cos * b.sin};
+}
+inline Angle operator-(Angle a, Angle b)
+{
+  return {a.cos * b.cos + a.sin * b.sin, a.sin * b.cos - a.cos * b.sin};
+}
 
 /// Half of an angle in [0, 2 pi).
 inline Angle half(Angle a)
 {
-  const double c = std::sqrt(std::fmax(0.0, 0.5 * (1 + a.cos))), s = std::sqrt(std::fmax(0.0, 0.5 * (1 - a.cos)));
+  const double c = std::sqrt(std::fmax(0.0, 0.5 * (1 + a.cos))),
+               s = std::sqrt(std::fmax(0.0, 0.5 * (1 - a.cos)));
   return {a.sin < 0 ? -c : c, s};
 }
 

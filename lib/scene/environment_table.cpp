@@ -90,33 +90,36 @@ void compile_environment(const EnvironmentData &environment, CompiledScene &scen
   scene.environment_columns.resize(uint64_t(e.height) * (uint64_t(e.width) + 1));
 
   std::vector<double> row_weights(e.height), row_sines(e.height);
-  tbb::parallel_for(tbb::blocked_range<uint32_t>(0, e.height, 4), [&](const tbb::blocked_range<uint32_t> &rows) {
-    std::vector<double> texel_row(texture.width), weights(e.width);
-    for (uint32_t y = rows.begin(); y != rows.end(); ++y) {
-      const CellFilter fy = cell_filter(y, fineness);
-      const int64_t ty = y / fineness;
-      std::fill(texel_row.begin(), texel_row.end(), 0);
-      for (int k = 0; k < 3; ++k) {
-        if (fy.weight[k] == 0) continue;
-        for (uint32_t x = 0; x < texture.width; ++x) {
-          texel_row[x] += fy.weight[k] * texel_luminance(texture, e.radiance, x, ty + k - 1);
+  tbb::parallel_for(
+      tbb::blocked_range<uint32_t>(0, e.height, 4), [&](const tbb::blocked_range<uint32_t> &rows) {
+        std::vector<double> texel_row(texture.width), weights(e.width);
+        for (uint32_t y = rows.begin(); y != rows.end(); ++y) {
+          const CellFilter fy = cell_filter(y, fineness);
+          const int64_t ty = y / fineness;
+          std::fill(texel_row.begin(), texel_row.end(), 0);
+          for (int k = 0; k < 3; ++k) {
+            if (fy.weight[k] == 0) continue;
+            for (uint32_t x = 0; x < texture.width; ++x) {
+              texel_row[x] += fy.weight[k] * texel_luminance(texture, e.radiance, x, ty + k - 1);
+            }
+          }
+          for (uint32_t x = 0; x < e.width; ++x) {
+            const CellFilter fx = cell_filter(x, fineness);
+            const int64_t tx = x / fineness;
+            double w = 0;
+            for (int k = 0; k < 3; ++k) {
+              if (fx.weight[k] != 0)
+                w += fx.weight[k] * texel_row[wrap_texel(tx + k - 1, texture.width, texture.wrap_u)];
+            }
+            weights[x] = w;
+          }
+          const double theta = pi_double * (y + 0.5) / e.height;
+          row_sines[y] = sine(std::min(theta, pi_double - theta));
+          row_weights[y] =
+              row_sines[y] * fill_cdf(weights.data(), e.width,
+                                      &scene.environment_columns[uint64_t(y) * (uint64_t(e.width) + 1)]);
         }
-      }
-      for (uint32_t x = 0; x < e.width; ++x) {
-        const CellFilter fx = cell_filter(x, fineness);
-        const int64_t tx = x / fineness;
-        double w = 0;
-        for (int k = 0; k < 3; ++k) {
-          if (fx.weight[k] != 0) w += fx.weight[k] * texel_row[wrap_texel(tx + k - 1, texture.width, texture.wrap_u)];
-        }
-        weights[x] = w;
-      }
-      const double theta = pi_double * (y + 0.5) / e.height;
-      row_sines[y] = sine(std::min(theta, pi_double - theta));
-      row_weights[y] = row_sines[y] * fill_cdf(weights.data(), e.width,
-                                               &scene.environment_columns[uint64_t(y) * (uint64_t(e.width) + 1)]);
-    }
-  });
+      });
   double sines = 0;
   for (double s : row_sines) sines += s;
   const double total = fill_cdf(row_weights.data(), e.height, scene.environment_rows.data());

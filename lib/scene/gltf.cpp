@@ -21,9 +21,11 @@ Vec3d axis(const AffineDouble &t, int j) { return {t[j], t[4 + j], t[8 + j]}; }
 class Loader {
  public:
   Loader(const std::string &path, const std::function<void(const std::string &)> &warn)
-      : document_(path, warn), images_(document_, scene_), materials_(document_, images_, scene_), meshes_(document_, materials_, scene_)
-  {
-  }
+      : document_(path, warn),
+        images_(document_, scene_),
+        materials_(document_, images_, scene_),
+        meshes_(document_, materials_, scene_)
+  {}
 
   SceneData run()
   {
@@ -66,12 +68,14 @@ class Loader {
   {
     const tinygltf::Camera &camera = document_.model().cameras[size_t(index)];
     if (camera.type != "perspective") {
-      document_.warn("{}: camera {} is orthographic, which this version does not render: left out", label, index);
+      document_.warn("{}: camera {} is orthographic, which this version does not render: left out", label,
+                     index);
       return;
     }
     const auto size = [&](const char *key) { return uint32_t(gltf_number(camera.extras, key, 0)); };
     // A field of view of 0 would mean the default to add_camera.
-    if (!(camera.perspective.yfov > 0)) document_.fail("camera {}: its yfov is {}; it must be positive", index, camera.perspective.yfov);
+    if (!(camera.perspective.yfov > 0))
+      document_.fail("camera {}: its yfov is {}; it must be positive", index, camera.perspective.yfov);
     document_.checked(label, [&] {
       return add_camera(scene_, to_world, float(camera.perspective.yfov), size("width"), size("height"));
     });
@@ -82,20 +86,26 @@ class Loader {
     const tinygltf::Light &light = document_.model().lights[size_t(index)];
     const std::string what = label + ", " + gltf_label("light", size_t(index), light.name);
     PointLightData data{};
-    data.type = light.type == "point" ? LightType::Point : light.type == "spot" ? LightType::Spot : LightType::Distant;
+    data.type = light.type == "point"  ? LightType::Point
+                : light.type == "spot" ? LightType::Spot
+                                       : LightType::Distant;
     const double default_color[3] = {1, 1, 1};
     const double *color = light.color.size() == 3 ? light.color.data() : default_color;
-    data.color = {float(color[0] * light.intensity), float(color[1] * light.intensity), float(color[2] * light.intensity)};
+    data.color = {float(color[0] * light.intensity), float(color[1] * light.intensity),
+                  float(color[2] * light.intensity)};
     data.position = to_float(Vec3d{to_world[3], to_world[7], to_world[11]});
     // Lights shine along their node's -Z.
     const Vec3d backward = axis(to_world, 2);
-    if (data.type != LightType::Point && is_zero(backward)) document_.fail("{}: its transform leaves it no direction", what);
+    if (data.type != LightType::Point && is_zero(backward))
+      document_.fail("{}: its transform leaves it no direction", what);
     if (!is_zero(backward)) data.direction = to_float(normalize(backward) * -1);
     if (data.type == LightType::Spot) {
       data.inner_cone_angle_rad = float(light.spot.innerConeAngle);
       data.outer_cone_angle_rad = float(light.spot.outerConeAngle);
       // An angle of 0 would mean the default to add_light.
-      if (!(data.outer_cone_angle_rad > 0)) document_.fail("{}: its outer cone angle is {}; it must be positive", what, light.spot.outerConeAngle);
+      if (!(data.outer_cone_angle_rad > 0))
+        document_.fail("{}: its outer cone angle is {}; it must be positive", what,
+                       light.spot.outerConeAngle);
     }
     if (light.range > 0) document_.warn("{}: its range is left out: it shines as far as light does", what);
     document_.checked(what, [&] { return add_light(scene_, data); });

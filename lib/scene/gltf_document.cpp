@@ -17,9 +17,9 @@ using nlohmann::json;
 
 // What the loader knows; a file that requires another extension cannot be shown as it is meant.
 const std::set<std::string> supported_extensions = {
-    "GPURT_bezier_patches",        "KHR_lights_punctual",   "KHR_materials_emissive_strength",
-    "KHR_materials_ior",           "KHR_materials_specular", "KHR_materials_transmission",
-    "KHR_materials_volume",        "KHR_mesh_quantization", "KHR_texture_transform",
+    "GPURT_bezier_patches", "KHR_lights_punctual",    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",    "KHR_materials_specular", "KHR_materials_transmission",
+    "KHR_materials_volume", "KHR_mesh_quantization",  "KHR_texture_transform",
 };
 
 // Drops what tinygltf would copy without use: its values take a hundred times the bytes of their text.
@@ -51,7 +51,8 @@ void prune_extensions(json &value)
     const auto extensions = value.find("extensions");
     if (extensions != value.end() && extensions->is_object()) {
       for (auto &[name, extension] : extensions->items()) {
-        if (!supported_extensions.contains(name)) extension = json::object();  // its name is enough for a warning
+        if (!supported_extensions.contains(name))
+          extension = json::object();  // its name is enough for a warning
       }
     }
     for (auto &[key, member] : value.items()) prune_extensions(member);
@@ -62,8 +63,9 @@ void prune_extensions(json &value)
 json structure_of(const json &document)
 {
   json structure = json::object();
-  for (const char *key : {"asset", "scene", "scenes", "nodes", "meshes", "materials", "textures", "samplers", "cameras",
-                          "accessors", "bufferViews", "extensions", "extensionsUsed", "extensionsRequired"}) {
+  for (const char *key :
+       {"asset", "scene", "scenes", "nodes", "meshes", "materials", "textures", "samplers", "cameras",
+        "accessors", "bufferViews", "extensions", "extensionsUsed", "extensionsRequired"}) {
     const auto member = document.find(key);
     if (member != document.end()) structure[key] = *member;
   }
@@ -99,7 +101,8 @@ tinygltf::Model parse_structure(const GltfFile &file)
     error = e.what();
   }
   if (!is_parsed || !error.empty()) {
-    fail(GPURT_ERROR_IO, "{}: {}", file.path, error.empty() ? "is no readable glTF" : printable(one_line(error)));
+    fail(GPURT_ERROR_IO, "{}: {}", file.path,
+         error.empty() ? "is no readable glTF" : printable(one_line(error)));
   }
   return model;
 }
@@ -172,7 +175,8 @@ bool GltfDocument::uses(const std::string &extension) const
 
 std::string gltf_label(const char *kind, size_t index, const std::string &name)
 {
-  return name.empty() ? fmt::format("{} {}", kind, index) : fmt::format("{} {} ('{}')", kind, index, printable(name));
+  return name.empty() ? fmt::format("{} {}", kind, index)
+                      : fmt::format("{} {} ('{}')", kind, index, printable(name));
 }
 
 double gltf_number(const tinygltf::Value &object, const char *key, double value_if_absent)

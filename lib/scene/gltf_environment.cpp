@@ -44,7 +44,8 @@ uint64_t clamp_negative(DecodedImage &image)
   return num_clamped;
 }
 
-uint32_t load_image(const GltfDocument &document, const std::string &uri, const std::string &what, SceneData &scene)
+uint32_t load_image(const GltfDocument &document, const std::string &uri, const std::string &what,
+                    SceneData &scene)
 {
   const std::string path = resolve_uri(document.file(), uri, what);
   DecodedImage image;
@@ -92,7 +93,8 @@ void load_gltf_environment(const GltfDocument &document, const tinygltf::Value &
     environment.radiance = {rgb[0], rgb[1], rgb[2]};
   } else if (type == "latlong") {
     if (!e.Has("image") || !e.Get("image").IsString()) document.fail("{}.image must name a file", what);
-    if (e.Has("strength") && !e.Get("strength").IsNumber()) document.fail("{}.strength must be a number", what);
+    if (e.Has("strength") && !e.Get("strength").IsNumber())
+      document.fail("{}.strength must be a number", what);
     const float strength = float(gltf_number(e, "strength", 1));
     environment.radiance = {strength, strength, strength};
     environment.texture = load_image(document, e.Get("image").Get<std::string>(), what, scene);

@@ -29,7 +29,8 @@ ByteArray read_file(const std::string &path)
   const uint64_t size = std::filesystem::file_size(path, error);
   if (error) fail(GPURT_ERROR_IO, "{}: cannot be read: {}", path, error.message());
   if (size > max_file_bytes) {
-    fail(GPURT_ERROR_IO, "{}: {} bytes are more than the 4 GiB that glTF can address; split the scene", path, size);
+    fail(GPURT_ERROR_IO, "{}: {} bytes are more than the 4 GiB that glTF can address; split the scene", path,
+         size);
   }
   std::ifstream stream(path, std::ios::binary);
   if (!stream) fail(GPURT_ERROR_IO, "{}: cannot be read: {}", path, std::strerror(errno));
@@ -64,16 +65,20 @@ void check_depth(const std::string &path, const char *text, uint64_t size)
 nlohmann::json parse_json(const std::string &path, const uint8_t *data, uint64_t size)
 {
   if (size > max_json_bytes) {
-    fail(GPURT_ERROR_IO, "{}: {} bytes of JSON are more than this library reads ({}); move data to the binary buffer",
-         path, size, max_json_bytes);
+    fail(GPURT_ERROR_IO,
+         "{}: {} bytes of JSON are more than this library reads ({}); move data to the binary buffer", path,
+         size, max_json_bytes);
   }
   const char *text = reinterpret_cast<const char *>(data);
   check_depth(path, text, size);
   try {
     return nlohmann::json::parse(text, text + size);
   } catch (const nlohmann::json::parse_error &e) {
-    if (e.byte > size) fail(GPURT_ERROR_IO, "{}: the JSON ends before it is complete, after {} bytes; export the file again", path, size);
-    fail(GPURT_ERROR_IO, "{}: the JSON is damaged at byte {} of {}; export the file again", path, e.byte, size);
+    if (e.byte > size)
+      fail(GPURT_ERROR_IO, "{}: the JSON ends before it is complete, after {} bytes; export the file again",
+           path, size);
+    fail(GPURT_ERROR_IO, "{}: the JSON is damaged at byte {} of {}; export the file again", path, e.byte,
+         size);
   } catch (const nlohmann::json::exception &e) {
     fail(GPURT_ERROR_IO, "{}: the JSON is damaged: {}", path, printable(e.what()));
   }
@@ -87,13 +92,16 @@ void read_binary_gltf(GltfFile &file, const ByteArray &bytes)
   if (size < 20) fail(GPURT_ERROR_IO, "{}: {} bytes are too few for a binary glTF file", path, size);
   const uint32_t version = load_u32(data + 4), length = load_u32(data + 8);
   if (version != 2) {
-    fail(GPURT_ERROR_IO, "{}: binary glTF version {}; this library reads version 2: convert the file", path, version);
+    fail(GPURT_ERROR_IO, "{}: binary glTF version {}; this library reads version 2: convert the file", path,
+         version);
   }
   if (length > size) {
     fail(GPURT_ERROR_IO, "{}: cut off: its header states {} bytes, but it has {}", path, length, size);
   }
-  if (length < 20) fail(GPURT_ERROR_IO, "{}: its header states a length of {} bytes, too few for any content", path, length);
-  if (length < size) file.notes.push_back(fmt::format("{} bytes after the stated end are ignored", size - length));
+  if (length < 20)
+    fail(GPURT_ERROR_IO, "{}: its header states a length of {} bytes, too few for any content", path, length);
+  if (length < size)
+    file.notes.push_back(fmt::format("{} bytes after the stated end are ignored", size - length));
 
   bool has_json = false;
   uint64_t position = 12;
@@ -102,15 +110,17 @@ void read_binary_gltf(GltfFile &file, const ByteArray &bytes)
     const uint32_t type = load_u32(data + position + 4);
     position += 8;
     if (chunk_length > length - position) {
-      fail(GPURT_ERROR_IO, "{}: chunk {} states {} bytes, but {} are left in the file", path, chunk, chunk_length,
-           length - position);
+      fail(GPURT_ERROR_IO, "{}: chunk {} states {} bytes, but {} are left in the file", path, chunk,
+           chunk_length, length - position);
     }
     if (chunk == 0 && type != chunk_json) {
       fail(GPURT_ERROR_IO, "{}: its first chunk is of type 0x{:08x}, not JSON", path, type);
     }
     if (chunk == 0) {
       uint64_t text_length = chunk_length;  // padded with spaces, by some writers with zeros
-      while (text_length > 0 && (data[position + text_length - 1] == 0 || data[position + text_length - 1] == ' ')) --text_length;
+      while (text_length > 0 &&
+             (data[position + text_length - 1] == 0 || data[position + text_length - 1] == ' '))
+        --text_length;
       file.json = parse_json(path, data + position, text_length);
       has_json = true;
     } else if (type == chunk_binary && !file.binary_chunk.data) {
@@ -148,7 +158,8 @@ ByteSpan decode_data_uri(const GltfFile &file, const std::string &uri, const std
   for (size_t i = comma + 1; i < end; ++i) {
     const int value = base64_value(uri[i]);
     if (value < 0) {
-      fail(GPURT_ERROR_IO, "{}: {}: character {} of its data URI is not base64", file.path, what, i - comma - 1);
+      fail(GPURT_ERROR_IO, "{}: {}: character {} of its data URI is not base64", file.path, what,
+           i - comma - 1);
     }
     bits = bits << 6 | uint32_t(value);
     num_bits += 6;
@@ -172,7 +183,8 @@ std::string percent_decode(const std::string &uri)
 {
   std::string text;
   for (size_t i = 0; i < uri.size(); ++i) {
-    const bool is_escape = uri[i] == '%' && i + 2 < uri.size() && hex_value(uri[i + 1]) >= 0 && hex_value(uri[i + 2]) >= 0;
+    const bool is_escape =
+        uri[i] == '%' && i + 2 < uri.size() && hex_value(uri[i + 1]) >= 0 && hex_value(uri[i + 2]) >= 0;
     if (is_escape) {
       text += char(hex_value(uri[i + 1]) * 16 + hex_value(uri[i + 2]));
       i += 2;
@@ -201,7 +213,9 @@ GltfFile read_gltf_file(const std::string &path)
   file.path = path;
   const ByteArray bytes = read_file(path);
   size_t start = 0;
-  while (start < bytes->size() && std::strchr(" \t\r\n\xef\xbb\xbf", char((*bytes)[start])) && (*bytes)[start] != 0) ++start;
+  while (start < bytes->size() && std::strchr(" \t\r\n\xef\xbb\xbf", char((*bytes)[start])) &&
+         (*bytes)[start] != 0)
+    ++start;
   if (bytes->size() >= 4 && std::memcmp(bytes->data(), "glTF", 4) == 0) {
     file.is_binary = true;
     read_binary_gltf(file, bytes);
@@ -222,8 +236,8 @@ std::string resolve_uri(const GltfFile &file, const std::string &uri, const std:
                        text.find('\0') != std::string::npos || text.find("://") != std::string::npos;
   for (const auto &part : relative) leads_outside |= part == "..";
   if (leads_outside) {
-    fail(GPURT_ERROR_IO, "{}: {} names '{}'; only files in the folder of the scene are read: move it there", file.path,
-         what, printable(text));
+    fail(GPURT_ERROR_IO, "{}: {} names '{}'; only files in the folder of the scene are read: move it there",
+         file.path, what, printable(text));
   }
   return (std::filesystem::path(file.path).parent_path() / relative).string();
 }

@@ -22,8 +22,8 @@ struct GltfFile {
   std::string path;
   nlohmann::json json;
   bool is_binary = false;
-  ByteSpan binary_chunk;                      // of a .glb; empty if it has none
-  std::vector<std::string> notes;             // oddities that do no harm
+  ByteSpan binary_chunk;           // of a .glb; empty if it has none
+  std::vector<std::string> notes;  // oddities that do no harm
 };
 
 /// Reads a .glb or .gltf file, told apart by their first bytes. Throws IO naming the file and its defect.

@@ -46,11 +46,12 @@ Size read_size(const ByteSpan &bytes, const std::string &what, const char *kinds
   }
   int width = 0, height = 0, channels = 0;
   if (!stbi_info_from_memory(bytes.data, int(bytes.size), &width, &height, &channels)) {
-    fail(GPURT_ERROR_IO, "{}: is no readable {} image ({} bytes): {}", what, kinds, bytes.size, stbi_failure_reason());
+    fail(GPURT_ERROR_IO, "{}: is no readable {} image ({} bytes): {}", what, kinds, bytes.size,
+         stbi_failure_reason());
   }
   if (width <= 0 || height <= 0 || uint64_t(width) * uint64_t(height) > max_texels) {
-    fail(GPURT_ERROR_IO, "{}: {} x {} texels are more than the {} allowed; scale the image down", what, width, height,
-         max_texels);
+    fail(GPURT_ERROR_IO, "{}: {} x {} texels are more than the {} allowed; scale the image down", what, width,
+         height, max_texels);
   }
   if (uint64_t(width) * uint64_t(height) / max_texels_per_byte > bytes.size) {
     fail(GPURT_ERROR_IO, "{}: damaged: {} bytes cannot hold {} x {} texels", what, bytes.size, width, height);
@@ -61,15 +62,17 @@ Size read_size(const ByteSpan &bytes, const std::string &what, const char *kinds
 [[noreturn]] void fail_decoding(const std::string &what)
 {
   const char *reason = stbi_failure_reason();
-  if (std::string(reason) == "outofmem") fail(GPURT_ERROR_OUT_OF_MEMORY, "{}: no memory for its texels", what);
+  if (std::string(reason) == "outofmem")
+    fail(GPURT_ERROR_OUT_OF_MEMORY, "{}: no memory for its texels", what);
   fail(GPURT_ERROR_IO, "{}: the image is damaged: {}", what, reason);
 }
 
 DecodedImage copy_pixels(Size size, TexelFormat format, const void *pixels, uint64_t bytes_per_texel)
 {
   const auto *first = static_cast<const std::byte *>(pixels);
-  return {uint32_t(size.width), uint32_t(size.height), format,
-          std::make_shared<std::vector<std::byte>>(first, first + size.width * size.height * bytes_per_texel)};
+  return {
+      uint32_t(size.width), uint32_t(size.height), format,
+      std::make_shared<std::vector<std::byte>>(first, first + size.width * size.height * bytes_per_texel)};
 }
 
 // The sRGB curve of IEC 61966-2-1 for 16-bit codes.
@@ -89,7 +92,8 @@ const std::vector<float> &srgb16_table()
 DecodedImage decode_16_bit(const ByteSpan &bytes, Size size, const std::string &what)
 {
   int width, height, channels;
-  const Pixels<stbi_us> pixels(stbi_load_16_from_memory(bytes.data, int(bytes.size), &width, &height, &channels, 4));
+  const Pixels<stbi_us> pixels(
+      stbi_load_16_from_memory(bytes.data, int(bytes.size), &width, &height, &channels, 4));
   if (!pixels) fail_decoding(what);
   auto texels = std::make_shared<std::vector<std::byte>>(size.width * size.height * 16);
   const std::vector<float> &linear = srgb16_table();
@@ -118,7 +122,8 @@ DecodedImage decode_image(const ByteSpan &bytes, const std::string &what)
   const Size size = read_size(bytes, what, "PNG or JPEG");
   if (stbi_is_16_bit_from_memory(bytes.data, int(bytes.size))) return decode_16_bit(bytes, size, what);
   int width, height, channels;
-  const Pixels<stbi_uc> pixels(stbi_load_from_memory(bytes.data, int(bytes.size), &width, &height, &channels, 4));
+  const Pixels<stbi_uc> pixels(
+      stbi_load_from_memory(bytes.data, int(bytes.size), &width, &height, &channels, 4));
   if (!pixels) fail_decoding(what);
   return copy_pixels(size, TexelFormat::Rgba8Srgb, pixels.get(), 4);
 }
@@ -130,7 +135,8 @@ DecodedImage decode_hdr(const ByteSpan &bytes, const std::string &what)
   }
   const Size size = read_size(bytes, what, "Radiance .hdr");
   int width, height, channels;
-  const Pixels<float> pixels(stbi_loadf_from_memory(bytes.data, int(bytes.size), &width, &height, &channels, 4));
+  const Pixels<float> pixels(
+      stbi_loadf_from_memory(bytes.data, int(bytes.size), &width, &height, &channels, 4));
   if (!pixels) fail_decoding(what);
   return copy_pixels(size, TexelFormat::Rgba32f, pixels.get(), 16);
 }
@@ -141,8 +147,8 @@ const DecodedImage &GltfImages::decode(int image)
   if (known != images_.end()) return known->second;
   const GltfImage &source = document_.images()[size_t(image)];
   const std::string label = gltf_label("image", size_t(image), source.name);
-  const ByteSpan bytes =
-      source.buffer_view >= 0 ? document_.buffer_view(source.buffer_view, label) : read_uri(document_.file(), source.uri, label);
+  const ByteSpan bytes = source.buffer_view >= 0 ? document_.buffer_view(source.buffer_view, label)
+                                                 : read_uri(document_.file(), source.uri, label);
   return images_[image] = decode_image(bytes, document_.file().path + ": " + label);
 }
 
@@ -183,7 +189,9 @@ bool GltfImages::mean_of_texture(int index, bool is_srgb, Mean &mean)
         // 16-bit images were decoded as colours; where they hold numbers, the curve is taken back.
         const bool is_curved = c < 3 && !is_srgb;
         const auto &table = srgb16_table();
-        sums[c] += is_curved ? double(std::lower_bound(table.begin(), table.end(), rgba[c]) - table.begin()) / 65535 : rgba[c];
+        sums[c] += is_curved
+                       ? double(std::lower_bound(table.begin(), table.end(), rgba[c]) - table.begin()) / 65535
+                       : rgba[c];
       }
     }
     for (int c = 0; c < 4; ++c) mean.rgba[c] = sums[c] / double(num_texels);

@@ -47,7 +47,7 @@ GltfTextureCoordinates coordinates_of(const tinygltf::TextureInfo &info)
   const tinygltf::Value *t = gltf_extension(info.extensions, "KHR_texture_transform");
   if (!t) return result;
   result.set = int(gltf_number(*t, "texCoord", info.texCoord));
-  const auto pair = [t](const char *key, double value_if_absent, double (&out)[2]) {
+  const auto pair = [t](const char *key, double value_if_absent, double(&out)[2]) {
     out[0] = out[1] = value_if_absent;
     if (!t->Has(key)) return;
     for (int i = 0; i < 2; ++i) out[i] = t->Get(key).Get(i).GetNumberAsDouble();
@@ -101,7 +101,8 @@ GltfLoadedMaterial GltfMaterials::convert(const tinygltf::Material &material, co
   settings.base_color = to_vec3(pbr.baseColorFactor);
   if (pbr.baseColorTexture.index >= 0) {
     settings.base_color_texture = images_.load_texture(pbr.baseColorTexture.index);
-    if (settings.base_color_texture == invalid_id) losses.add("base-colour texture without a PNG or JPEG image");
+    if (settings.base_color_texture == invalid_id)
+      losses.add("base-colour texture without a PNG or JPEG image");
     else result.coordinates = coordinates_of(pbr.baseColorTexture);
   }
 
@@ -109,8 +110,10 @@ GltfLoadedMaterial GltfMaterials::convert(const tinygltf::Material &material, co
     settings.type = roughness < mirror_roughness ? MaterialType::Mirror : MaterialType::Metal;
     if (settings.type == MaterialType::Metal) settings.roughness = float(roughness);
     if (metallic < 1) losses.add(fmt::format("metallic {:.3g} (taken as 1)", metallic));
-    if (roughness > 0 && roughness < mirror_roughness) losses.add(fmt::format("roughness {:.3g} (taken as 0)", roughness));
-    if (transmission > 0 && metallic < 1) losses.add(fmt::format("transmission {:.3g} (taken as 0)", transmission));
+    if (roughness > 0 && roughness < mirror_roughness)
+      losses.add(fmt::format("roughness {:.3g} (taken as 0)", roughness));
+    if (transmission > 0 && metallic < 1)
+      losses.add(fmt::format("transmission {:.3g} (taken as 0)", transmission));
   } else {
     if (metallic > 0) losses.add(fmt::format("metallic {:.3g} (taken as 0)", metallic));
     if (transmission >= 0.5) {
@@ -123,7 +126,8 @@ GltfLoadedMaterial GltfMaterials::convert(const tinygltf::Material &material, co
         if (ior == 0) losses.add("index of refraction 0, a perfect reflector (taken as 1.5)");
       }
       const tinygltf::Value *volume = gltf_extension(material.extensions, "KHR_materials_volume");
-      if (!volume || gltf_number(*volume, "thicknessFactor", 0) == 0) losses.add("thin walls (taken as a solid)");
+      if (!volume || gltf_number(*volume, "thicknessFactor", 0) == 0)
+        losses.add("thin walls (taken as a solid)");
       if (volume && volume->Has("attenuationDistance")) losses.add("absorption");
       if (volume && volume->Has("thicknessTexture")) losses.add("thickness texture");
     } else {
@@ -157,7 +161,8 @@ GltfLoadedMaterial GltfMaterials::convert(const tinygltf::Material &material, co
   for (const auto &[name, extension] : material.extensions) {
     if (!known_extensions.contains(name)) losses.add(printable(name));
   }
-  if (!losses.text().empty()) document_.warn("{} is approximated, without counterpart are: {}", label, losses.text());
+  if (!losses.text().empty())
+    document_.warn("{} is approximated, without counterpart are: {}", label, losses.text());
   result.material = document_.checked(label, [&] { return add_material(scene_, settings); });
   return result;
 }

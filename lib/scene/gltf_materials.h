@@ -37,8 +37,7 @@ class GltfMaterials {
  public:
   GltfMaterials(const GltfDocument &document, GltfImages &images, SceneData &scene)
       : document_(document), images_(images), scene_(scene)
-  {
-  }
+  {}
 
   /// Adds a material to the scene when it is first asked for; -1 is glTF's default material.
   const GltfLoadedMaterial &load(int material);

@@ -24,11 +24,16 @@ UInt3 triangle_corners(int mode, uint32_t i)
 const char *mode_name(int mode)
 {
   switch (mode) {
-    case TINYGLTF_MODE_POINTS: return "points";
-    case TINYGLTF_MODE_TRIANGLES: return "triangles";
-    case TINYGLTF_MODE_TRIANGLE_STRIP: return "a triangle strip";
-    case TINYGLTF_MODE_TRIANGLE_FAN: return "a triangle fan";
-    default: return "lines";
+    case TINYGLTF_MODE_POINTS:
+      return "points";
+    case TINYGLTF_MODE_TRIANGLES:
+      return "triangles";
+    case TINYGLTF_MODE_TRIANGLE_STRIP:
+      return "a triangle strip";
+    case TINYGLTF_MODE_TRIANGLE_FAN:
+      return "a triangle fan";
+    default:
+      return "lines";
   }
 }
 
@@ -48,8 +53,7 @@ GltfMeshes::GltfMeshes(const GltfDocument &document, GltfMaterials &materials, S
       scene_(scene),
       accessors_(document),
       geometries_(document.model().meshes.size())
-{
-}
+{}
 
 void GltfMeshes::load(int index)
 {
@@ -81,11 +85,12 @@ void GltfMeshes::load_primitive(const tinygltf::Primitive &primitive, const std:
   note_losses(primitive, what);
   const GltfLoadedMaterial material = materials_.load(primitive.material);
   MeshData mesh = read_mesh(primitive, material.coordinates, what);
-  out.push_back(document_.checked(what, [&] { return add_mesh(scene_, std::move(mesh), material.material); }));
+  out.push_back(
+      document_.checked(what, [&] { return add_mesh(scene_, std::move(mesh), material.material); }));
 }
 
-MeshData GltfMeshes::read_mesh(const tinygltf::Primitive &primitive, const GltfTextureCoordinates &coordinates,
-                               const std::string &what)
+MeshData GltfMeshes::read_mesh(const tinygltf::Primitive &primitive,
+                               const GltfTextureCoordinates &coordinates, const std::string &what)
 {
   MeshData mesh;
   mesh.vertices = accessors_.vec3(find_attribute(primitive, "POSITION"), "POSITION", what);
@@ -106,7 +111,8 @@ MeshData GltfMeshes::read_mesh(const tinygltf::Primitive &primitive, const GltfT
       num_zero += n.x == 0 && n.y == 0 && n.z == 0;
     }
     if (num_zero > 0) {
-      document_.warn("{}: {} of its normals have no length; those of the faces around stand in", what, num_zero);
+      document_.warn("{}: {} of its normals have no length; those of the faces around stand in", what,
+                     num_zero);
     }
   }
 
@@ -117,8 +123,8 @@ MeshData GltfMeshes::read_mesh(const tinygltf::Primitive &primitive, const GltfT
     if (coordinates.is_used && name == fmt::format("TEXCOORD_{}", coordinates.set)) mesh.uvs = uvs;
   }
   if (coordinates.is_used && mesh.uvs.empty()) {
-    document_.warn("{} has no TEXCOORD_{} for the texture of its material: its first texel colours all of it", what,
-                   coordinates.set);
+    document_.warn("{} has no TEXCOORD_{} for the texture of its material: its first texel colours all of it",
+                   what, coordinates.set);
   }
   if (!mesh.uvs.empty() && coordinates.is_transformed) {
     std::vector<Vec2f> moved(num_vertices);
@@ -140,7 +146,8 @@ std::vector<UInt3> GltfMeshes::read_triangles(const tinygltf::Primitive &primiti
   if (has_indices) indices = accessors_.indices(primitive.indices, num_vertices, what);
   const uint64_t num_corners = has_indices ? indices.size() : num_vertices;
   if (primitive.mode == TINYGLTF_MODE_TRIANGLES && num_corners % 3 != 0) {
-    document_.warn("{} has {} corners, no multiple of three: the last {} are left out", what, num_corners, num_corners % 3);
+    document_.warn("{} has {} corners, no multiple of three: the last {} are left out", what, num_corners,
+                   num_corners % 3);
   }
   std::vector<UInt3> triangles(count_triangles(primitive.mode, num_corners));
   parallel_for_each(triangles.size(), [&](uint64_t i) {

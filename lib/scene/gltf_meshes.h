@@ -24,7 +24,8 @@ class GltfMeshes {
   void report_losses() const;
 
  private:
-  void load_primitive(const tinygltf::Primitive &primitive, const std::string &what, std::vector<uint32_t> &out);
+  void load_primitive(const tinygltf::Primitive &primitive, const std::string &what,
+                      std::vector<uint32_t> &out);
   MeshData read_mesh(const tinygltf::Primitive &primitive, const GltfTextureCoordinates &coordinates,
                      const std::string &what);
   std::vector<UInt3> read_triangles(const tinygltf::Primitive &primitive, uint64_t num_vertices,

@@ -15,15 +15,17 @@ AffineDouble from_matrix(const GltfDocument &document, const tinygltf::Node &nod
   // Column by column in the file.
   const std::vector<double> &m = node.matrix;
   if (m[3] != 0 || m[7] != 0 || m[11] != 0 || m[15] != 1) {
-    document.fail("{}: the last row of its matrix is ({}, {}, {}, {}); it must be (0, 0, 0, 1)", node_label(document, index),
-                  m[3], m[7], m[11], m[15]);
+    document.fail("{}: the last row of its matrix is ({}, {}, {}, {}); it must be (0, 0, 0, 1)",
+                  node_label(document, index), m[3], m[7], m[11], m[15]);
   }
   return {m[0], m[4], m[8], m[12], m[1], m[5], m[9], m[13], m[2], m[6], m[10], m[14]};
 }
 
 AffineDouble from_parts(const GltfDocument &document, const tinygltf::Node &node, int index)
 {
-  const Vec3d t = node.translation.empty() ? Vec3d{0, 0, 0} : Vec3d{node.translation[0], node.translation[1], node.translation[2]};
+  const Vec3d t = node.translation.empty()
+                      ? Vec3d{0, 0, 0}
+                      : Vec3d{node.translation[0], node.translation[1], node.translation[2]};
   const Vec3d s = node.scale.empty() ? Vec3d{1, 1, 1} : Vec3d{node.scale[0], node.scale[1], node.scale[2]};
   double x = 0, y = 0, z = 0, w = 1;
   if (!node.rotation.empty()) {
@@ -33,17 +35,18 @@ AffineDouble from_parts(const GltfDocument &document, const tinygltf::Node &node
     w = node.rotation[3];
     const double norm = std::sqrt(x * x + y * y + z * z + w * w);
     if (!(norm > 0) || !std::isfinite(norm)) {
-      document.fail("{}: its rotation ({}, {}, {}, {}) is no quaternion of unit length", node_label(document, index), x, y,
-                    z, w);
+      document.fail("{}: its rotation ({}, {}, {}, {}) is no quaternion of unit length",
+                    node_label(document, index), x, y, z, w);
     }
     x /= norm;
     y /= norm;
     z /= norm;
     w /= norm;
   }
-  return {(1 - 2 * (y * y + z * z)) * s.x, 2 * (x * y - w * z) * s.y,       2 * (x * z + w * y) * s.z,       t.x,
-          2 * (x * y + w * z) * s.x,       (1 - 2 * (x * x + z * z)) * s.y, 2 * (y * z - w * x) * s.z,       t.y,
-          2 * (x * z - w * y) * s.x,       2 * (y * z + w * x) * s.y,       (1 - 2 * (x * x + y * y)) * s.z, t.z};
+  return {
+      (1 - 2 * (y * y + z * z)) * s.x, 2 * (x * y - w * z) * s.y,       2 * (x * z + w * y) * s.z,       t.x,
+      2 * (x * y + w * z) * s.x,       (1 - 2 * (x * x + z * z)) * s.y, 2 * (y * z - w * x) * s.z,       t.y,
+      2 * (x * z - w * y) * s.x,       2 * (y * z + w * x) * s.y,       (1 - 2 * (x * x + y * y)) * s.z, t.z};
 }
 
 AffineDouble local_transform(const GltfDocument &document, int index)
@@ -61,8 +64,9 @@ std::vector<int> find_parents(const GltfDocument &document)
     for (int child : nodes[i].children) {
       int &parent = parents[size_t(child)];
       if (parent >= 0) {
-        document.fail("{} is a child of both node {} and node {}; give each a node of its own, with the same mesh",
-                      node_label(document, child), parent, i);
+        document.fail(
+            "{} is a child of both node {} and node {}; give each a node of its own, with the same mesh",
+            node_label(document, child), parent, i);
       }
       parent = int(i);
     }
@@ -121,10 +125,12 @@ std::vector<GltfPlacedNode> place_gltf_nodes(const GltfDocument &document)
     GltfPlacedNode p = pending.back();
     pending.pop_back();
     p.to_world = multiply(p.to_world, local_transform(document, p.node));
-    if (!is_finite(p.to_world)) document.fail("{}: its transform is not finite", node_label(document, p.node));
+    if (!is_finite(p.to_world))
+      document.fail("{}: its transform is not finite", node_label(document, p.node));
     placed.push_back(p);
     const std::vector<int> &children = model.nodes[size_t(p.node)].children;
-    for (auto child = children.rbegin(); child != children.rend(); ++child) pending.push_back({*child, p.to_world});
+    for (auto child = children.rbegin(); child != children.rend(); ++child)
+      pending.push_back({*child, p.to_world});
   }
   return placed;
 }

@@ -86,7 +86,10 @@ class Checker {
     if (value.is_structured()) return value.is_array() ? "an array" : "an object";
     return printable(value.dump(-1, ' ', false, json::error_handler_t::replace));
   }
-  static std::string join(const std::string &where, const char *key) { return where.empty() ? key : where + "." + key; }
+  static std::string join(const std::string &where, const char *key)
+  {
+    return where.empty() ? key : where + "." + key;
+  }
 
   json *member_object(json &o, const std::string &where, const char *key)
   {
@@ -134,7 +137,8 @@ class Checker {
     const int64_t x = value.get<int64_t>();
     if (x < low || x > high) complain(where, fmt::format("is {}; it must be from {} to {}", x, low, high));
   }
-  void integer(json &o, const std::string &where, const char *key, int64_t low, int64_t high, bool is_required = false)
+  void integer(json &o, const std::string &where, const char *key, int64_t low, int64_t high,
+               bool is_required = false)
   {
     const auto it = o.find(key);
     if (it != o.end()) integer_value(*it, join(where, key), low, high);
@@ -163,7 +167,8 @@ class Checker {
     const auto it = root_.find(target);
     return it != root_.end() && it->is_array() ? it->size() : 0;
   }
-  void reference(json &o, const std::string &where, const char *key, const char *target, bool is_required = false)
+  void reference(json &o, const std::string &where, const char *key, const char *target,
+                 bool is_required = false)
   {
     const auto it = o.find(key);
     if (it != o.end()) reference_value(*it, join(where, key), target, count_of(target));
@@ -188,8 +193,8 @@ class Checker {
                                       : fmt::format("is {}; it must be at least {}", x, low));
     }
   }
-  void number(json &o, const std::string &where, const char *key, double low = -infinite, double high = infinite,
-              bool is_required = false)
+  void number(json &o, const std::string &where, const char *key, double low = -infinite,
+              double high = infinite, bool is_required = false)
   {
     const auto it = o.find(key);
     if (it != o.end()) number_value(*it, join(where, key), low, high);
@@ -203,7 +208,8 @@ class Checker {
     if (array->size() != count) {
       complain(join(where, key), fmt::format("has {} numbers; it must have {}", array->size(), count));
     }
-    for (size_t i = 0; i < count; ++i) number_value((*array)[i], fmt::format("{}[{}]", join(where, key), i), low, high);
+    for (size_t i = 0; i < count; ++i)
+      number_value((*array)[i], fmt::format("{}[{}]", join(where, key), i), low, high);
   }
   void string(json &o, const std::string &where, const char *key, bool is_required = false)
   {
@@ -249,10 +255,12 @@ class Checker {
     string(*asset, "asset", "minVersion");
     const std::string version = (*asset)["version"];
     if (version.compare(0, 2, "2.") != 0) {
-      complain("asset.version", fmt::format("is '{}'; this library reads glTF 2.0: convert the file", printable(version)));
+      complain("asset.version",
+               fmt::format("is '{}'; this library reads glTF 2.0: convert the file", printable(version)));
     }
     if (asset->contains("minVersion") && (*asset)["minVersion"] != "2.0") {
-      complain("asset.minVersion", fmt::format("is {}; this library reads glTF 2.0", show((*asset)["minVersion"])));
+      complain("asset.minVersion",
+               fmt::format("is {}; this library reads glTF 2.0", show((*asset)["minVersion"])));
     }
   }
 
@@ -318,7 +326,8 @@ class Checker {
       check_texture_info(*pbr, pw, "baseColorTexture");
       check_texture_info(*pbr, pw, "metallicRoughnessTexture");
     }
-    for (const char *key : {"normalTexture", "occlusionTexture", "emissiveTexture"}) check_texture_info(o, w, key);
+    for (const char *key : {"normalTexture", "occlusionTexture", "emissiveTexture"})
+      check_texture_info(o, w, key);
     numbers(o, w, "emissiveFactor", 3, 0, 1);
     word(o, w, "alphaMode", {"OPAQUE", "MASK", "BLEND"});
     number(o, w, "alphaCutoff", 0);
@@ -361,7 +370,8 @@ class Checker {
     } else {
       json *p = member_object(o, w, "orthographic");
       if (!p) complain(w + ".orthographic", "is missing");
-      for (const char *key : {"xmag", "ymag", "zfar", "znear"}) number(*p, w + ".orthographic", key, -infinite, infinite, true);
+      for (const char *key : {"xmag", "ymag", "zfar", "znear"})
+        number(*p, w + ".orthographic", key, -infinite, infinite, true);
     }
     if (o.contains("extras") && o["extras"].is_object()) {
       integer(o["extras"], w + ".extras", "width", 0, max_int);

@@ -67,7 +67,8 @@ Box box_of(const Vec3d (&corners)[3], bool exact)
 {
   Box box = empty_box();
   for (const Vec3d &p : corners) {
-    const Vec3f lo{round_down(p.x), round_down(p.y), round_down(p.z)}, hi{round_up(p.x), round_up(p.y), round_up(p.z)};
+    const Vec3f lo{round_down(p.x), round_down(p.y), round_down(p.z)},
+        hi{round_up(p.x), round_up(p.y), round_up(p.z)};
     box = extend(extend(box, lo), hi);
   }
   if (exact) return box;
@@ -139,8 +140,7 @@ struct Binning {
   double lo, scale;
   Binning(const Box &centers, int axis)
       : lo(at(centers.lo, axis)), scale(num_bins / (double(at(centers.hi, axis)) - at(centers.lo, axis)))
-  {
-  }
+  {}
   int bin(float x) const { return std::min(int((x - lo) * scale), num_bins - 1); }
 };
 
@@ -248,7 +248,9 @@ class Builder {
       }
       if (best.axis >= 0) {
         const Binning binning(centers, best.axis);
-        const auto is_first = [&](const Item &item) { return binning.bin(at(item.center, best.axis)) <= best.bin; };
+        const auto is_first = [&](const Item &item) {
+          return binning.bin(at(item.center, best.axis)) <= best.bin;
+        };
         const size_t middle = size_t(std::partition(items.begin(), items.end(), is_first) - items.begin());
         if (fits(middle) && fits(items.size() - middle)) return middle;
       }
@@ -257,10 +259,11 @@ class Builder {
     const Vec3f d = centers.hi - centers.lo;
     const int axis = d.x >= d.y && d.x >= d.z ? 0 : (d.y >= d.z ? 1 : 2);
     const size_t middle = items.size() / 2;
-    std::nth_element(items.begin(), items.begin() + middle, items.end(), [axis](const Item &a, const Item &b) {
-      const float x = at(a.center, axis), y = at(b.center, axis);
-      return x < y || (x == y && a.light < b.light);
-    });
+    std::nth_element(items.begin(), items.begin() + middle, items.end(),
+                     [axis](const Item &a, const Item &b) {
+                       const float x = at(a.center, axis), y = at(b.center, axis);
+                       return x < y || (x == y && a.light < b.light);
+                     });
     return middle;
   }
 
@@ -270,7 +273,8 @@ class Builder {
     node.bounds = b.box;
     node.axis = to_float(b.normals.axis);
     // Rounded outward: rounding must not exclude a direction.
-    node.cos_theta = b.normals.cos_angle >= 1 ? 1.0f : std::max(round_down(b.normals.cos_angle - 0x1p-23), -1.0f);
+    node.cos_theta =
+        b.normals.cos_angle >= 1 ? 1.0f : std::max(round_down(b.normals.cos_angle - 0x1p-23), -1.0f);
     node.cos_emit = round_down(b.cos_emit);
     constexpr double least = std::numeric_limits<float>::min(), most = std::numeric_limits<float>::max();
     node.power = b.power > 0 ? float(std::clamp(b.power, least, most)) : 0.0f;

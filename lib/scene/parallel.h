@@ -18,9 +18,10 @@ constexpr uint64_t parallel_grain = 4096;
 template <class Body>
 void parallel_for_each(uint64_t count, const Body &body)
 {
-  tbb::parallel_for(tbb::blocked_range<uint64_t>(0, count, parallel_grain), [&](const tbb::blocked_range<uint64_t> &r) {
-    for (uint64_t i = r.begin(); i != r.end(); ++i) body(i);
-  });
+  tbb::parallel_for(tbb::blocked_range<uint64_t>(0, count, parallel_grain),
+                    [&](const tbb::blocked_range<uint64_t> &r) {
+                      for (uint64_t i = r.begin(); i != r.end(); ++i) body(i);
+                    });
 }
 
 /// The smallest i < count with is_bad(i), or count.

@@ -61,8 +61,10 @@ struct Derivatives {
 
 Derivatives derivatives_at(const ControlNet &net, double u, double v)
 {
-  const double bu[4] = {(1 - u) * (1 - u) * (1 - u), 3 * u * (1 - u) * (1 - u), 3 * u * u * (1 - u), u * u * u};
-  const double bv[4] = {(1 - v) * (1 - v) * (1 - v), 3 * v * (1 - v) * (1 - v), 3 * v * v * (1 - v), v * v * v};
+  const double bu[4] = {(1 - u) * (1 - u) * (1 - u), 3 * u * (1 - u) * (1 - u), 3 * u * u * (1 - u),
+                        u * u * u};
+  const double bv[4] = {(1 - v) * (1 - v) * (1 - v), 3 * v * (1 - v) * (1 - v), 3 * v * v * (1 - v),
+                        v * v * v};
   const double qu[3] = {3 * (1 - u) * (1 - u), 6 * u * (1 - u), 3 * u * u};
   const double qv[3] = {3 * (1 - v) * (1 - v), 6 * v * (1 - v), 3 * v * v};
   Derivatives d{{0, 0, 0}, {0, 0, 0}};
@@ -117,8 +119,10 @@ uint32_t tessellation_rate(const PatchData &patches, float tolerance)
   const double num_triangles = 2 * rate * rate * double(num_patches);
   if (!(num_triangles <= double(max_triangles))) {
     const double coarsest = bound * double(num_patches) * 2 / (8 * double(max_triangles));
-    fail_invalid("a patch tolerance of {:.3g} takes {:.3g} triangles for {} patches, more than 2^28; raise patch_tolerance to {:.3g}",
-                 limit, num_triangles, num_patches, coarsest * 1.1);
+    fail_invalid(
+        "a patch tolerance of {:.3g} takes {:.3g} triangles for {} patches, more than 2^28; raise "
+        "patch_tolerance to {:.3g}",
+        limit, num_triangles, num_patches, coarsest * 1.1);
   }
   return uint32_t(rate);
 }
@@ -128,8 +132,7 @@ TessellatedPatches::TessellatedPatches(const PatchData &patches, uint32_t rate)
       rate_(rate),
       vertices_per_patch_(uint64_t(rate + 1) * (rate + 1)),
       num_patches_(patches.control_points.size() / 16)
-{
-}
+{}
 
 TessellatedPatches::Location TessellatedPatches::locate(uint64_t vertex) const
 {

@@ -27,9 +27,11 @@ class SharedArray {
   }
   /// Refers to memory of `owner`.
   SharedArray(std::shared_ptr<const void> owner, const void *data, uint64_t count, uint64_t stride_bytes)
-      : owner_(std::move(owner)), data_(static_cast<const std::byte *>(data)), count_(count), stride_(stride_bytes)
-  {
-  }
+      : owner_(std::move(owner)),
+        data_(static_cast<const std::byte *>(data)),
+        count_(count),
+        stride_(stride_bytes)
+  {}
   uint64_t size() const { return count_; }
   bool empty() const { return count_ == 0; }
   T operator[](uint64_t i) const

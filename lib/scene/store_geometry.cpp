@@ -55,7 +55,8 @@ class MeshSurface {
       // Faces may cancel, as on a sheet with two sides; then the first one decides.
       if (is_zero(n)) {
         const auto face = first_face.find(k);
-        n = face != first_face.end() ? face->second : Vec3d{0, 0, 1};  // no face has an area: nothing is hit here
+        n = face != first_face.end() ? face->second
+                                     : Vec3d{0, 0, 1};  // no face has an area: nothing is hit here
       }
       n = normalize(n);
     }
@@ -77,8 +78,7 @@ class SurfaceSource final : public GeometrySource {
  public:
   template <class... Args>
   explicit SurfaceSource(Args &&...args) : surface_(std::forward<Args>(args)...)
-  {
-  }
+  {}
   uint64_t num_vertices() const override { return surface_.num_vertices(); }
   uint64_t num_triangles() const override { return surface_.num_triangles(); }
   bool has_normals() const override { return surface_.has_normals(); }

@@ -61,8 +61,8 @@ void check_texels(const TextureData &texture, const Predicate &is_bad, const cha
   if (i == num_values) return;
   float value;
   std::memcpy(&value, texture.texels->data() + i * sizeof(float), sizeof(float));
-  fail_invalid("channel {} of the texel at ({}, {}) is {}; {}", i % 4, i / 4 % texture.width, i / 4 / texture.width,
-               value, rule);
+  fail_invalid("channel {} of the texel at ({}, {}) is {}; {}", i % 4, i / 4 % texture.width,
+               i / 4 / texture.width, value, rule);
 }
 
 void check_material(const SceneData &scene, uint32_t material)
@@ -99,8 +99,8 @@ uint32_t add_texture(SceneData &scene, TextureData texture)
     fail_invalid("the texture is {} x {} texels; it needs at least one", texture.width, texture.height);
   }
   if (texture.width > max_texture_size || texture.height > max_texture_size) {
-    fail_invalid("the texture is {} x {} texels; make it at most {} wide and high", texture.width, texture.height,
-                 max_texture_size);
+    fail_invalid("the texture is {} x {} texels; make it at most {} wide and high", texture.width,
+                 texture.height, max_texture_size);
   }
   const uint64_t expected =
       uint64_t(texture.width) * texture.height * (texture.format == TexelFormat::Rgba32f ? 16 : 4);
@@ -121,7 +121,8 @@ uint32_t add_material(SceneData &scene, const MaterialSettings &settings)
   }
   for (int c = 0; c < 3; ++c) {
     const float x = at(settings.base_color, c);
-    if (!(x >= 0 && x <= 1)) fail_invalid("the base colour's {} is {}; it must be in [0, 1]", channel_names[c], x);
+    if (!(x >= 0 && x <= 1))
+      fail_invalid("the base colour's {} is {}; it must be in [0, 1]", channel_names[c], x);
   }
   check_share(settings.alpha, "alpha");
   if (!(settings.alpha_cutoff >= 0) || !is_finite(settings.alpha_cutoff)) {
@@ -145,16 +146,19 @@ uint32_t add_material(SceneData &scene, const MaterialSettings &settings)
   }
   if (settings.type == MaterialType::Glass && settings.ior != 0) {
     if (!(settings.ior > 0) || !is_finite(settings.ior)) {
-      fail_invalid("the glass's index of refraction is {}; it must be positive and finite, or 0 for 1.5", settings.ior);
+      fail_invalid("the glass's index of refraction is {}; it must be positive and finite, or 0 for 1.5",
+                   settings.ior);
     }
     m.ior = settings.ior;
   }
   if (settings.base_color_texture != invalid_id) {
     if (settings.base_color_texture >= scene.textures.size()) {
-      fail_invalid("the base colour names a texture that does not exist; the scene has {}", scene.textures.size());
+      fail_invalid("the base colour names a texture that does not exist; the scene has {}",
+                   scene.textures.size());
     }
-    check_texels(scene.textures[settings.base_color_texture], [](float x, int) { return !(x >= 0 && x <= 1); },
-                 "a base colour must be in [0, 1]");
+    check_texels(
+        scene.textures[settings.base_color_texture], [](float x, int) { return !(x >= 0 && x <= 1); },
+        "a base colour must be in [0, 1]");
   }
   scene.materials.push_back(m);
   return uint32_t(scene.materials.size() - 1);
@@ -163,10 +167,12 @@ uint32_t add_material(SceneData &scene, const MaterialSettings &settings)
 SharedArray<UInt3> sequential_triangles(uint64_t num_vertices)
 {
   if (num_vertices % 3 != 0) {
-    fail_invalid("{} vertices without indices are no whole number of triangles; give a multiple of 3, or indices",
-                 num_vertices);
+    fail_invalid(
+        "{} vertices without indices are no whole number of triangles; give a multiple of 3, or indices",
+        num_vertices);
   }
-  if (num_vertices >= invalid_id) fail_invalid("{} vertices are too many; a mesh has room for 2^32 - 2", num_vertices);
+  if (num_vertices >= invalid_id)
+    fail_invalid("{} vertices are too many; a mesh has room for 2^32 - 2", num_vertices);
   std::vector<UInt3> corners(num_vertices / 3);
   parallel_for_each(corners.size(), [&](uint64_t i) {
     const uint32_t k = uint32_t(3 * i);
@@ -180,12 +186,14 @@ uint32_t add_mesh(SceneData &scene, MeshData mesh, uint32_t material)
   check_room(scene.geometries.size(), "geometries");
   check_material(scene, material);
   const uint64_t num_vertices = mesh.vertices.size();
-  if (num_vertices >= invalid_id) fail_invalid("{} vertices are too many; a mesh has room for 2^32 - 2", num_vertices);
+  if (num_vertices >= invalid_id)
+    fail_invalid("{} vertices are too many; a mesh has room for 2^32 - 2", num_vertices);
   if (mesh.indices.size() >= invalid_id) {
     fail_invalid("{} triangles are too many; a mesh has room for 2^32 - 2", mesh.indices.size());
   }
   if (!mesh.normals.empty() && mesh.normals.size() != num_vertices) {
-    fail_invalid("there are {} normals for {} vertices; give one each, or none", mesh.normals.size(), num_vertices);
+    fail_invalid("there are {} normals for {} vertices; give one each, or none", mesh.normals.size(),
+                 num_vertices);
   }
   if (!mesh.uvs.empty() && mesh.uvs.size() != num_vertices) {
     fail_invalid("there are {} texture coordinates for {} vertices; give one each, or none", mesh.uvs.size(),
@@ -202,8 +210,8 @@ uint32_t add_mesh(SceneData &scene, MeshData mesh, uint32_t material)
     const UInt3 c = mesh.indices[bad];
     const uint32_t corners[3] = {c.x, c.y, c.z};
     const int k = c.x >= num_vertices ? 0 : (c.y >= num_vertices ? 1 : 2);
-    fail_invalid("index {} (corner {} of triangle {}) is {}, but there are {} vertices", 3 * bad + uint64_t(k), k, bad,
-                 corners[k], num_vertices);
+    fail_invalid("index {} (corner {} of triangle {}) is {}, but there are {} vertices",
+                 3 * bad + uint64_t(k), k, bad, corners[k], num_vertices);
   }
   GeometryData geometry;
   geometry.kind = GeometryKind::Mesh;
@@ -238,8 +246,8 @@ uint32_t add_instance(SceneData &scene, uint32_t geometry, const AffineDouble &o
   }
   for (int i = 0; i < 12; ++i) {
     if (!std::isfinite(object_to_world[i]) || !is_finite(float(object_to_world[i]))) {
-      fail_invalid("row {}, column {} of the transform is {}; it must be finite as a 32-bit float", i / 4, i % 4,
-                   object_to_world[i]);
+      fail_invalid("row {}, column {} of the transform is {}; it must be finite as a 32-bit float", i / 4,
+                   i % 4, object_to_world[i]);
     }
   }
   const double d = determinant(object_to_world);
@@ -249,11 +257,13 @@ uint32_t add_instance(SceneData &scene, uint32_t geometry, const AffineDouble &o
   const Transform rounded = to_float(object_to_world), inverted = to_float(inverse(object_to_world));
   for (const auto &row : inverted.m) {
     for (float x : row) {
-      if (!is_finite(x)) fail_invalid("the inverse of the transform exceeds 32-bit floats; make its scale larger");
+      if (!is_finite(x))
+        fail_invalid("the inverse of the transform exceeds 32-bit floats; make its scale larger");
     }
   }
   if (determinant(to_double(rounded)) == 0) {
-    fail_invalid("the transform cannot be inverted once it is rounded to 32-bit floats; make its scale larger");
+    fail_invalid(
+        "the transform cannot be inverted once it is rounded to 32-bit floats; make its scale larger");
   }
   scene.instances.push_back({geometry, rounded, object_to_world});
   return uint32_t(scene.instances.size() - 1);
@@ -268,7 +278,8 @@ uint32_t add_light(SceneData &scene, PointLightData light)
 {
   check_room(scene.lights.size(), "lights");
   if (light.type != LightType::Point && light.type != LightType::Spot && light.type != LightType::Distant) {
-    fail_invalid("light type {} has no light of its own; lamps are materials that emit", uint32_t(light.type));
+    fail_invalid("light type {} has no light of its own; lamps are materials that emit",
+                 uint32_t(light.type));
   }
   check_radiance(light.color, "the light's intensity");
   if (light.type == LightType::Distant) light.position = {0, 0, 0};
@@ -277,7 +288,8 @@ uint32_t add_light(SceneData &scene, PointLightData light)
     light.direction = {0, 0, -1};
   } else {
     check_finite(light.direction, "the light's direction");
-    if (is_zero(to_double(light.direction))) fail_invalid("the light's direction is zero; say where it shines");
+    if (is_zero(to_double(light.direction)))
+      fail_invalid("the light's direction is zero; say where it shines");
     light.direction = to_float(normalize(to_double(light.direction)));
   }
   if (light.type == LightType::Spot) {
@@ -285,8 +297,9 @@ uint32_t add_light(SceneData &scene, PointLightData light)
     if (light.outer_cone_angle_rad == 0) light.outer_cone_angle_rad = quarter;
     const float inner = light.inner_cone_angle_rad, outer = light.outer_cone_angle_rad;
     if (!(inner >= 0 && inner < outer && outer <= limit)) {
-      fail_invalid("the spot's cone angles are {} (inner) and {} (outer); 0 <= inner < outer <= pi/2 must hold", inner,
-                   outer);
+      fail_invalid(
+          "the spot's cone angles are {} (inner) and {} (outer); 0 <= inner < outer <= pi/2 must hold", inner,
+          outer);
     }
   } else {
     light.inner_cone_angle_rad = light.outer_cone_angle_rad = 0;
@@ -304,7 +317,8 @@ uint32_t add_camera(SceneData &scene, const AffineDouble &camera_to_world, float
     fail_invalid("the camera's transform flattens space; its axes must be independent");
   }
   if (yfov_rad == 0) yfov_rad = pi / 4;
-  if (!(yfov_rad > 0 && yfov_rad < pi)) fail_invalid("the camera's yfov is {} rad; it must be in (0, pi)", yfov_rad);
+  if (!(yfov_rad > 0 && yfov_rad < pi))
+    fail_invalid("the camera's yfov is {} rad; it must be in (0, pi)", yfov_rad);
   // The viewing direction is kept, then the plane that holds it and "up"; the rest is scale and shear.
   const Vec3d z = normalize(column(camera_to_world, 2));
   const Vec3d up = column(camera_to_world, 1);
@@ -326,10 +340,12 @@ void set_environment(SceneData &scene, const EnvironmentData &environment)
   check_radiance(environment.radiance, "the environment's radiance");
   if (environment.texture != invalid_id) {
     if (environment.texture >= scene.textures.size()) {
-      fail_invalid("the environment names a texture that does not exist; the scene has {}", scene.textures.size());
+      fail_invalid("the environment names a texture that does not exist; the scene has {}",
+                   scene.textures.size());
     }
-    check_texels(scene.textures[environment.texture], [](float x, int channel) { return channel < 3 && x < 0; },
-                 "radiance must not be negative");
+    check_texels(
+        scene.textures[environment.texture], [](float x, int channel) { return channel < 3 && x < 0; },
+        "radiance must not be negative");
   }
   scene.environment = environment;
 }

@@ -312,7 +312,7 @@ TEST_F(Handles, OfJobs)
 // What the tables above leave out takes no handle.
 TEST_F(Handles, EveryFunctionIsTested)
 {
-  std::set<std::string> tested = {"gpurt_version", "gpurt_result_name", "gpurt_last_error",
+  std::set<std::string> tested = {"gpurt_version",          "gpurt_result_name",   "gpurt_last_error",
                                   "gpurt_device_enumerate", "gpurt_device_create", "gpurt_state_read_info"};
   const auto add = [&](const auto &calls) {
     for (const auto &c : calls) tested.insert(c.function);

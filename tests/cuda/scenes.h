@@ -46,7 +46,8 @@ inline Mesh needle_terrain(uint32_t n)
   Random random(7);
   for (uint32_t z = 0; z <= n; ++z) {
     for (uint32_t x = 0; x <= n; ++x)
-      m.vertices.push_back({float(x) * 0.01f, random.between(0, 0.3f), float(z) * 5.0f + 1.5f * float(x % 3)});
+      m.vertices.push_back(
+          {float(x) * 0.01f, random.between(0, 0.3f), float(z) * 5.0f + 1.5f * float(x % 3)});
   }
   const auto at = [&](uint32_t x, uint32_t z) { return z * (n + 1) + x; };
   for (uint32_t z = 0; z < n; ++z) {

@@ -70,7 +70,8 @@ TEST_P(References, ImageAgreesWithinItsNoise)
   const Case &test = GetParam();
   const fs::path scene_path = scenes_folder() / test.scene;
   if (!fs::exists(scene_path)) GTEST_SKIP() << scene_path << " is not there";
-  const nlohmann::json all = nlohmann::json::parse(std::ifstream(scenes_folder() / "reference" / "references.json"));
+  const nlohmann::json all =
+      nlohmann::json::parse(std::ifstream(scenes_folder() / "reference" / "references.json"));
   const nlohmann::json &facts = all[test.reference];
   const RgbImage reference =
       read_rgb_exr((scenes_folder() / "reference" / (std::string(test.reference) + ".exr")).string());
@@ -96,9 +97,11 @@ TEST_P(References, ImageAgreesWithinItsNoise)
       gpurt_frame_read(frame, GPURT_OUTPUT_VARIANCE, variance.data(), variance.size() * sizeof(float)));
 
   const ImageComparison result = compare_images(color, variance, reference, facts["relmse"]);
-  std::printf("%s against %s, %u spp: relMSE %.3g, trimmed %.3g, mean %+.3f %%, %.3f %% of tiles within 4 sigma, worst %.1f\n",
-              test.scene, test.reference, o.spp, result.relmse, result.trimmed, 100 * (result.mean_ratio - 1),
-              100 * result.tiles_within_4_sigma, result.worst_sigma);
+  std::printf(
+      "%s against %s, %u spp: relMSE %.3g, trimmed %.3g, mean %+.3f %%, %.3f %% of tiles within 4 sigma, "
+      "worst %.1f\n",
+      test.scene, test.reference, o.spp, result.relmse, result.trimmed, 100 * (result.mean_ratio - 1),
+      100 * result.tiles_within_4_sigma, result.worst_sigma);
   EXPECT_GE(result.tiles_within_4_sigma, 0.999);
   // The mean's own noise at these samples is well below the 0.5 % of the promise, but for the caustics of glass.
   double sum = 0, sum_variance = 0;

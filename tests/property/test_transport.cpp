@@ -7,7 +7,9 @@ using namespace gpurt_test;
 
 class Transport : public testing::TestWithParam<gpurt_accel> {};
 INSTANTIATE_TEST_SUITE_P(Accels, Transport, testing::Values(GPURT_ACCEL_KDTREE, GPURT_ACCEL_EMBREE),
-                         [](const auto &info) { return info.param == GPURT_ACCEL_KDTREE ? "kdtree" : "embree"; });
+                         [](const auto &info) {
+                           return info.param == GPURT_ACCEL_KDTREE ? "kdtree" : "embree";
+                         });
 
 // Catalogue row 24: a white sphere under a unit sky sends out what it receives.
 TEST_P(Transport, FurnaceOfAWhiteSphereUnderAUnitSkyIsOne)
@@ -125,9 +127,12 @@ TEST(Determinism, ImageBitsDependOnNothingButTheSettings)
     Device device = make_device(GPURT_DEVICE_CPU, threads);
     Scene scene;
     GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
-    add_mesh(scene, icosphere(3), add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.6f, 0.3f}, {0, 0, 0}, 0.3f));
-    add_mesh(scene, quad({-3, -1, 3}, {3, -1, 3}, {3, -1, -3}, {-3, -1, -3}), add_material(scene, GPURT_MATERIAL_LAMBERT, {0.7f, 0.7f, 0.7f}));
-    add_mesh(scene, quad({-1, 3, -1}, {1, 3, -1}, {1, 3, 1}, {-1, 3, 1}), add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}, {5, 4, 3}));
+    add_mesh(scene, icosphere(3),
+             add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.6f, 0.3f}, {0, 0, 0}, 0.3f));
+    add_mesh(scene, quad({-3, -1, 3}, {3, -1, 3}, {3, -1, -3}, {-3, -1, -3}),
+             add_material(scene, GPURT_MATERIAL_LAMBERT, {0.7f, 0.7f, 0.7f}));
+    add_mesh(scene, quad({-1, 3, -1}, {1, 3, -1}, {1, 3, 1}, {-1, 3, 1}),
+             add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}, {5, 4, 3}));
     set_environment(scene, 0.1f);
     add_camera(scene, {0, 0.5f, 5}, 0.8f);
     commit(scene);
@@ -151,7 +156,8 @@ TEST(Determinism, ImageBitsDependOnNothingButTheSettings)
   o.tile_size = 0;
   EXPECT_EQ(image(2, o, true), expected) << "in two steps";
   for (uint32_t y = 0; y < 101; y += 37) {
-    for (uint32_t x = 0; x < 150; x += 37) o.tiles.push_back({x, y, std::min(x + 37, 150u), std::min(y + 37, 101u)});
+    for (uint32_t x = 0; x < 150; x += 37)
+      o.tiles.push_back({x, y, std::min(x + 37, 150u), std::min(y + 37, 101u)});
   }
   std::shuffle(o.tiles.begin(), o.tiles.end(), std::mt19937(5));
   EXPECT_EQ(image(2, o, false), expected) << "tiles in random order";

@@ -8,8 +8,8 @@
 #include <map>
 #include <random>
 
-#include "core/accel/trace.h"
 #include "accel/kd_build.h"
+#include "core/accel/trace.h"
 #include "cpu/committed_scene.h"
 #include "cpu/cpu_backend.h"
 

@@ -12,7 +12,8 @@
 
 namespace gpurt {
 
-inline MeshData make_mesh(std::vector<Vec3f> vertices, std::vector<UInt3> triangles, std::vector<Vec3f> normals = {})
+inline MeshData make_mesh(std::vector<Vec3f> vertices, std::vector<UInt3> triangles,
+                          std::vector<Vec3f> normals = {})
 {
   MeshData mesh;
   mesh.vertices = SharedArray<Vec3f>(std::move(vertices));

@@ -104,7 +104,8 @@ TEST(Sobol, IsAZeroTwoSequenceForEveryKeyAndPair)
             ASSERT_TRUE(p.x >= 0 && p.x < 1 && p.y >= 0 && p.y < 1);
             count[uint32_t(p.x * nx) * ny + uint32_t(p.y * ny)]++;
           }
-          for (int c : count) ASSERT_EQ(c, 1) << "seed " << seed << " pair " << pair << " boxes " << nx << "x" << ny;
+          for (int c : count)
+            ASSERT_EQ(c, 1) << "seed " << seed << " pair " << pair << " boxes " << nx << "x" << ny;
         }
       }
     }
@@ -117,7 +118,8 @@ TEST(Sobol, DifferentSeedsFramesAndPixelsAreUncorrelated)
   const int n = 4096;
   auto series = [&](uint64_t seed, uint32_t frame, uint32_t x, uint64_t offset) {
     std::vector<double> v;
-    for (int i = 0; i < n; ++i) v.push_back(sample_2d(sample_key(seed, frame, x, uint32_t(i), offset), 1).x - 0.5);
+    for (int i = 0; i < n; ++i)
+      v.push_back(sample_2d(sample_key(seed, frame, x, uint32_t(i), offset), 1).x - 0.5);
     return v;
   };
   const std::vector<std::vector<double>> all = {series(1, 0, 0, 0), series(2, 0, 0, 0), series(1, 1, 0, 0),
@@ -142,7 +144,8 @@ double chi_square(const Bsdf &bsdf, Vec3f wo, int &cells)
   const int sub = 24;
   for (int i = 0; i < nt * sub; ++i) {
     for (int j = 0; j < np * sub; ++j) {
-      const double z = (i + 0.5) / (nt * sub), phi = (j + 0.5) / (np * sub) * 2 * M_PI, r = std::sqrt(1 - z * z);
+      const double z = (i + 0.5) / (nt * sub), phi = (j + 0.5) / (np * sub) * 2 * M_PI,
+                   r = std::sqrt(1 - z * z);
       float pdf;
       eval_bsdf(bsdf, wo, {float(r * std::cos(phi)), float(r * std::sin(phi)), float(z)}, pdf);
       expected[(i / sub) * np + j / sub] += double(pdf) * n * (2 * M_PI / (np * sub)) / (nt * sub);
@@ -179,7 +182,8 @@ TEST(Bsdf, SamplesFollowTheStatedDensity)
       int cells;
       const double x = chi_square(b, {std::sqrt(1 - z * z), 0, z}, cells);
       // The chi-square distribution with k degrees has mean k and variance 2k; 5 sigma, plus the quadrature's error.
-      EXPECT_LT(x, cells + 5 * std::sqrt(2.0 * cells) + 0.1 * cells) << "wo.z " << z << " type " << int(b.type);
+      EXPECT_LT(x, cells + 5 * std::sqrt(2.0 * cells) + 0.1 * cells)
+          << "wo.z " << z << " type " << int(b.type);
     }
   }
 }

@@ -5,9 +5,9 @@
 #include <filesystem>
 #include <fstream>
 
-#include "accel_test.h"
 #include "accel/kd_cache.h"
 #include "accel/kd_check.h"
+#include "accel_test.h"
 
 namespace gpurt {
 namespace {

@@ -105,7 +105,7 @@ TEST_F(RayTriangle, TheIntervalIsInclusive)
   EXPECT_FALSE(hit<TriangleTest::Watertight>(x, {{0, 0, 0}, std::nextafter(3.0f, 4.0f), {0, 0, 1}, 9}, h));
   EXPECT_FALSE(hit<TriangleTest::Watertight>(x, {{0, 0, 0}, 0, {0, 0, 1}, std::nextafter(3.0f, 2.0f)}, h));
   EXPECT_TRUE(hit<TriangleTest::Watertight>(x, {{0, 0, 6}, 0, {0, 0, -1}, infinity}, h));  // from behind
-  EXPECT_TRUE(hit<TriangleTest::Watertight>(x, {{0, 0, 6}, -5, {0, 0, 1}, -3}, h));        // negative t is legal
+  EXPECT_TRUE(hit<TriangleTest::Watertight>(x, {{0, 0, 6}, -5, {0, 0, 1}, -3}, h));  // negative t is legal
 }
 
 TEST_F(RayTriangle, SignsOfZeroChangeNoBit)
@@ -123,7 +123,8 @@ TEST_F(RayTriangle, SignsOfZeroChangeNoBit)
       if (signs & 1) set(minus.direction, (axis + 1) % 3, -0.0f);
       if (signs & 2) set(minus.direction, (axis + 2) % 3, -0.0f);
       TriangleHit p{}, m{};
-      const bool hp = hit<TriangleTest::Watertight>(x, plus, p), hm = hit<TriangleTest::Watertight>(x, minus, m);
+      const bool hp = hit<TriangleTest::Watertight>(x, plus, p),
+                 hm = hit<TriangleTest::Watertight>(x, minus, m);
       ASSERT_EQ(hp, hm);
       if (!hp) continue;
       EXPECT_EQ(float_bits(p.t), float_bits(m.t));
@@ -158,7 +159,8 @@ TEST_F(RayTriangle, DirectionsScaledByPowersOfTwoMeetTheSame)
     const bool expected = hit<TriangleTest::Watertight>(x, r, h);
     for (int e : {-20, 20, -60, 90}) {
       Ray s = r;
-      s.direction = {std::ldexp(r.direction.x, e), std::ldexp(r.direction.y, e), std::ldexp(r.direction.z, e)};
+      s.direction = {std::ldexp(r.direction.x, e), std::ldexp(r.direction.y, e),
+                     std::ldexp(r.direction.z, e)};
       ASSERT_EQ(hit<TriangleTest::Watertight>(x, s, g), expected);
       if (!expected) continue;
       EXPECT_EQ(g.t, std::ldexp(h.t, -e));
@@ -191,8 +193,11 @@ TEST_F(RayTriangle, ScalesByPowersOfTwoKeepEveryBit)
     const Ray r = {point(2), 0, point(1), infinity};
     TriangleHit h, g;
     const bool expected = hit<TriangleTest::Watertight>(x, r, h);
-    for (int e : {-60, -20, 20, 60, 100}) {  // beyond: products overflow or vanish, and the exact path decides
-      const auto scaled = [&](Vec3f p) { return Vec3f{std::ldexp(p.x, e), std::ldexp(p.y, e), std::ldexp(p.z, e)}; };
+    for (int e :
+         {-60, -20, 20, 60, 100}) {  // beyond: products overflow or vanish, and the exact path decides
+      const auto scaled = [&](Vec3f p) {
+        return Vec3f{std::ldexp(p.x, e), std::ldexp(p.y, e), std::ldexp(p.z, e)};
+      };
       ASSERT_EQ(hit<TriangleTest::Watertight>({scaled(x.a), scaled(x.b), scaled(x.c)},
                                               {scaled(r.origin), 0, r.direction, infinity}, g),
                 expected);

@@ -5,8 +5,8 @@
 
 #include "core/path/light_tree.h"
 #include "core/path/lights.h"
-#include "scene_builders.h"
 #include "scene/trigonometry.h"
+#include "scene_builders.h"
 
 namespace gpurt {
 namespace {
@@ -95,7 +95,9 @@ TEST(SceneCompile, MirroringKeepsTheFrontSide)
     SceneData d;
     const uint32_t lamp = add_lamp_material(d, {1, 1, 1});
     // Its front looks along +z.
-    const uint32_t g = add_mesh(d, make_mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}, {{0, 0, 2}, {0, 0, 2}, {0, 0, 2}}), lamp);
+    const uint32_t g = add_mesh(
+        d, make_mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}, {{0, 0, 2}, {0, 0, 2}, {0, 0, 2}}),
+        lamp);
     add_instance(d, g, scaling(1, 1, -1));
     if (is_shared) add_instance(d, g, translation(5, 0, 0));
     const CompiledScene s = compile_scene(d, 0);
@@ -134,8 +136,10 @@ TEST(SceneCompile, ZeroNormalsTakeThatOfTheFaces)
 {
   SceneData d;
   // The last vertex belongs to no face, so that nothing tells its normal.
-  const uint32_t g = add_mesh(d, make_mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {9, 9, 9}}, {{0, 1, 2}},
-                                           {{0, 0, 0}, {0, 3, 0}, {0, 0, 0}, {0, 0, 0}}), 0);
+  const uint32_t g = add_mesh(d,
+                              make_mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {9, 9, 9}}, {{0, 1, 2}},
+                                        {{0, 0, 0}, {0, 3, 0}, {0, 0, 0}, {0, 0, 0}}),
+                              0);
   add_instance(d, g, identity_affine);
   const CompiledScene s = compile_scene(d, 0);
   expect_near(s.normals[0], {0, 0, 1}, 0);
@@ -172,7 +176,8 @@ TEST(SceneCompile, LightsStandInTheirOrder)
 {
   SceneData d;
   const uint32_t lamp = add_lamp_material(d, {0, 2, 0});
-  const uint32_t once = add_mesh(d, make_mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {2, 0, 0}}, {{0, 1, 2}, {0, 1, 3}}), lamp);
+  const uint32_t once =
+      add_mesh(d, make_mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {2, 0, 0}}, {{0, 1, 2}, {0, 1, 3}}), lamp);
   const uint32_t shared = add_mesh(d, unit_triangle(), lamp);
   const uint32_t dark = add_mesh(d, unit_triangle(), 0);
   add_instance(d, dark, identity_affine);
@@ -284,13 +289,15 @@ void check_light_tree(const CompiledScene &s)
 
 TEST(SceneLightTree, HoldsEveryLightOnce)
 {
-  for (uint32_t count : {1u, 2u, 7u, 300u}) check_light_tree(compile_scene(make_many_lights(count, count), 0));
+  for (uint32_t count : {1u, 2u, 7u, 300u})
+    check_light_tree(compile_scene(make_many_lights(count, count), 0));
 }
 
 TEST(SceneLightTree, StaysWithin64LevelsForAGeometricSeries)
 {
   SceneData d;
-  for (int i = 0; i < 120; ++i) add_light(d, {LightType::Point, {1, 1, 1}, {std::ldexp(1.0f, -i), 0, 0}, {}, 0, 0});
+  for (int i = 0; i < 120; ++i)
+    add_light(d, {LightType::Point, {1, 1, 1}, {std::ldexp(1.0f, -i), 0, 0}, {}, 0, 0});
   for (int i = 0; i < 1000; ++i) add_light(d, {LightType::Point, {1, 1, 1}, {2, 0, 0}, {}, 0, 0});
   check_light_tree(compile_scene(d, 0));
 }
@@ -339,7 +346,8 @@ TEST(SceneCompile, IsTheSameEveryTime)
   const CompiledScene a = compile_scene(d, 0), b = compile_scene(d, 0);
   EXPECT_EQ(a.hash, b.hash);
   ASSERT_EQ(a.light_nodes.size(), b.light_nodes.size());
-  EXPECT_EQ(0, std::memcmp(a.light_nodes.data(), b.light_nodes.data(), a.light_nodes.size() * sizeof(LightNode)));
+  EXPECT_EQ(
+      0, std::memcmp(a.light_nodes.data(), b.light_nodes.data(), a.light_nodes.size() * sizeof(LightNode)));
 }
 
 TEST(SceneCompile, HashSeesWhatDecidesAnImage)

@@ -31,7 +31,7 @@ Net random_net(std::mt19937 &random, float roughness)
 // The definition, in double: S(u,v) = sum B_row(v) B_column(u) P.
 Vec3d evaluate(const Net &net, double u, double v)
 {
-  const auto weights = [](double t, double (&b)[4]) {
+  const auto weights = [](double t, double(&b)[4]) {
     b[0] = (1 - t) * (1 - t) * (1 - t);
     b[1] = 3 * t * (1 - t) * (1 - t);
     b[2] = 3 * t * t * (1 - t);
@@ -55,7 +55,8 @@ double distance_to_triangle(Vec3d p, Vec3d a, Vec3d b, Vec3d c)
     return length(p - (s + d * t));
   };
   const Vec3d n = cross(b - a, c - a);
-  const bool is_inside = dot(cross(b - a, p - a), n) >= 0 && dot(cross(c - b, p - b), n) >= 0 && dot(cross(a - c, p - c), n) >= 0;
+  const bool is_inside = dot(cross(b - a, p - a), n) >= 0 && dot(cross(c - b, p - b), n) >= 0 &&
+                         dot(cross(a - c, p - c), n) >= 0;
   if (is_inside) return std::fabs(dot(p - a, normalize(n)));
   return std::min(segment(a, b), std::min(segment(b, c), segment(c, a)));
 }
@@ -77,7 +78,8 @@ TEST(ScenePatches, TrianglesStayWithinTheTolerance)
         double d = 1e30;
         for (uint32_t t = 2 * cell; t < 2 * cell + 2; ++t) {
           const UInt3 c = mesh.triangle(t);
-          d = std::min(d, distance_to_triangle(evaluate(net, u, v), mesh.vertex(c.x), mesh.vertex(c.y), mesh.vertex(c.z)));
+          d = std::min(d, distance_to_triangle(evaluate(net, u, v), mesh.vertex(c.x), mesh.vertex(c.y),
+                                               mesh.vertex(c.z)));
         }
         worst = std::max(worst, d);
       }
@@ -153,8 +155,10 @@ TEST(ScenePatches, NeighboursShareTheirBoundaryExactly)
           const PatchData pa = make_patches({a}), pb = make_patches({b});
           const TessellatedPatches ma(pa, n), mb(pb, n);
           for (uint32_t k = 0; k <= n; ++k) {
-            const Vec3d p = ma.vertex(vertex_of_edge(e, k)), q = mb.vertex(vertex_of_edge(f, reversed ? n - k : k));
-            ASSERT_TRUE(p.x == q.x && p.y == q.y && p.z == q.z) << "edges " << e << ", " << f << ", rate " << n;
+            const Vec3d p = ma.vertex(vertex_of_edge(e, k)),
+                        q = mb.vertex(vertex_of_edge(f, reversed ? n - k : k));
+            ASSERT_TRUE(p.x == q.x && p.y == q.y && p.z == q.z)
+                << "edges " << e << ", " << f << ", rate " << n;
           }
         }
       }
@@ -170,7 +174,8 @@ TEST(ScenePatches, NormalsAreThoseOfTheSurface)
   const TessellatedPatches mesh(patches, 8);
   for (uint64_t i = 0; i < mesh.num_vertices(); ++i) {
     const double u = double(i % 9) / 8, v = double(i / 9) / 8, h = 1e-5;
-    const Vec3d du = evaluate(net, u + h, v) - evaluate(net, u - h, v), dv = evaluate(net, u, v + h) - evaluate(net, u, v - h);
+    const Vec3d du = evaluate(net, u + h, v) - evaluate(net, u - h, v),
+                dv = evaluate(net, u, v + h) - evaluate(net, u, v - h);
     const Vec3d n = mesh.normal(i);
     EXPECT_NEAR(dot(n, normalize(cross(du, dv))), 1, 1e-8);
     EXPECT_NEAR(length(n), 1, 1e-12);
@@ -201,7 +206,8 @@ TEST(ScenePatches, DegeneratePatchesStayFinite)
     point[k] = {3, 4, 5};
   }
   Net tiny = curve;
-  for (int k = 0; k < 16; ++k) tiny[k] = {1e-30f * float(k % 4), 1e-30f * float(k / 4), 1e-33f * float(k % 3)};
+  for (int k = 0; k < 16; ++k)
+    tiny[k] = {1e-30f * float(k % 4), 1e-30f * float(k / 4), 1e-33f * float(k % 3)};
   for (const Net &net : {curve, point, tiny}) {
     const PatchData patches = make_patches({net});
     const TessellatedPatches mesh(patches, 3);

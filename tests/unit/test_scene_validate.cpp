@@ -28,7 +28,8 @@ TEST(SceneValidate, NamesTheFirstBadVertexAmongAMillion)
   vertices[777777].y = nan;
   vertices[900000].y = inf;
   SceneData d;
-  expect_contains(error_of([&] { add_mesh(d, make_mesh(vertices, {{0, 1, 2}}), 0); }), "vertex 777777 is not finite");
+  expect_contains(error_of([&] { add_mesh(d, make_mesh(vertices, {{0, 1, 2}}), 0); }),
+                  "vertex 777777 is not finite");
   EXPECT_TRUE(d.geometries.empty());
 }
 
@@ -80,10 +81,12 @@ TEST(SceneValidate, ReadsStridedMemoryAndNothingPastIt)
 TEST(SceneValidate, Patches)
 {
   SceneData d;
-  expect_contains(error_of([&] { add_patches(d, {SharedArray<Vec3f>(std::vector<Vec3f>(17))}, 0); }), "17 control points");
+  expect_contains(error_of([&] { add_patches(d, {SharedArray<Vec3f>(std::vector<Vec3f>(17))}, 0); }),
+                  "17 control points");
   std::vector<Vec3f> points(32);
   points[20].z = nan;
-  expect_contains(error_of([&] { add_patches(d, {SharedArray<Vec3f>(points)}, 0); }), "control point 20 is not finite");
+  expect_contains(error_of([&] { add_patches(d, {SharedArray<Vec3f>(points)}, 0); }),
+                  "control point 20 is not finite");
 }
 
 TEST(SceneValidate, TransformsAreInvertible)
@@ -101,7 +104,8 @@ TEST(SceneValidate, TransformsAreInvertible)
   expect_contains(error_of([&] { add_instance(d, g, t); }), "row 1, column 3");
   t[7] = 1e300;
   expect_contains(error_of([&] { add_instance(d, g, t); }), "row 1, column 3");
-  expect_contains(error_of([&] { add_instance(d, g, scaling(1, 1e-44, 1)); }), "inverse of the transform exceeds");
+  expect_contains(error_of([&] { add_instance(d, g, scaling(1, 1e-44, 1)); }),
+                  "inverse of the transform exceeds");
   EXPECT_TRUE(d.instances.empty());
   add_instance(d, g, scaling(1e-6, 1e6, -1));
   add_instance(d, g, to_float(scaling(1e-20, 1e-20, 1e-20)));
@@ -154,7 +158,8 @@ TEST(SceneValidate, Textures)
   SceneData d;
   expect_contains(error_of([&] { add_texture(d, make_texture(0, 1, {})); }), "0 x 1");
   expect_contains(error_of([&] { add_texture(d, make_texture(2, 1, {1, 2, 3, 4})); }), "16 bytes");
-  expect_contains(error_of([&] { add_texture(d, make_texture(1, 1, {1, nan, 3, 4})); }), "channel 1 of the texel at (0, 0)");
+  expect_contains(error_of([&] { add_texture(d, make_texture(1, 1, {1, nan, 3, 4})); }),
+                  "channel 1 of the texel at (0, 0)");
   expect_contains(error_of([&] { add_texture(d, make_texture(70000, 1, {})); }), "at most 65536");
   const uint32_t bright = add_texture(d, make_texture(1, 2, {0, 0, 0, 1, 0, 5, 0, 1}));
   MaterialSettings m;
@@ -172,11 +177,16 @@ TEST(SceneValidate, Lights)
 {
   SceneData d;
   expect_contains(error_of([&] { add_light(d, {LightType::Point, {-1, 0, 0}, {}, {}, 0, 0}); }), "intensity");
-  expect_contains(error_of([&] { add_light(d, {LightType::Point, {1, 0, 0}, {nan, 0, 0}, {}, 0, 0}); }), "position");
-  expect_contains(error_of([&] { add_light(d, {LightType::Distant, {1, 0, 0}, {}, {0, 0, 0}, 0, 0}); }), "direction is zero");
-  expect_contains(error_of([&] { add_light(d, {LightType::Spot, {1, 0, 0}, {}, {0, 0, 1}, 0.5f, 0.4f}); }), "cone angles");
-  expect_contains(error_of([&] { add_light(d, {LightType::Spot, {1, 0, 0}, {}, {0, 0, 1}, 0.5f, 2}); }), "cone angles");
-  expect_contains(error_of([&] { add_light(d, {LightType::Triangle, {1, 0, 0}, {}, {0, 0, 1}, 0, 0}); }), "emit");
+  expect_contains(error_of([&] { add_light(d, {LightType::Point, {1, 0, 0}, {nan, 0, 0}, {}, 0, 0}); }),
+                  "position");
+  expect_contains(error_of([&] { add_light(d, {LightType::Distant, {1, 0, 0}, {}, {0, 0, 0}, 0, 0}); }),
+                  "direction is zero");
+  expect_contains(error_of([&] { add_light(d, {LightType::Spot, {1, 0, 0}, {}, {0, 0, 1}, 0.5f, 0.4f}); }),
+                  "cone angles");
+  expect_contains(error_of([&] { add_light(d, {LightType::Spot, {1, 0, 0}, {}, {0, 0, 1}, 0.5f, 2}); }),
+                  "cone angles");
+  expect_contains(error_of([&] { add_light(d, {LightType::Triangle, {1, 0, 0}, {}, {0, 0, 1}, 0, 0}); }),
+                  "emit");
   EXPECT_TRUE(d.lights.empty());
   add_light(d, {LightType::Spot, {1, 0, 0}, {}, {0, 0, 1e-30f}, 0, 0});
   EXPECT_EQ(d.lights[0].direction.z, 1);

@@ -34,7 +34,8 @@ GPURT_INLINE FullHit full_hit(const SceneView &scene, const Hit &hit)
 {
   if (hit.triangle == invalid_id) return {hit.t, 0.0f, 0.0f, invalid_id, invalid_id, invalid_id, {0, 0}};
   const Segment &segment = scene.segments[scene.triangle_segment[hit.triangle]];
-  const uint32_t instance = hit.placement != invalid_id ? scene.placements[hit.placement].instance : segment.instance;
+  const uint32_t instance =
+      hit.placement != invalid_id ? scene.placements[hit.placement].instance : segment.instance;
   return {hit.t, hit.u, hit.v, hit.triangle - segment.first_triangle, segment.geometry, instance, {0, 0}};
 }
 
@@ -49,7 +50,8 @@ GPURT_INLINE bool ids_precede(const SceneView &scene, const Hit &x, const Hit &y
 {
   // Triangles in world space are stored in this order.
   if (x.placement == invalid_id && y.placement == invalid_id) return x.triangle < y.triangle;
-  const uint32_t ix = instance_of(scene, x.triangle, x.placement), iy = instance_of(scene, y.triangle, y.placement);
+  const uint32_t ix = instance_of(scene, x.triangle, x.placement),
+                 iy = instance_of(scene, y.triangle, y.placement);
   if (ix != iy) return ix < iy;
   return primitive_of(scene, x.triangle) < primitive_of(scene, y.triangle);
 }

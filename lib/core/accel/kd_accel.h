@@ -29,13 +29,17 @@ struct KdAccelView {
 
 GPURT_FUNCTIONS_BEGIN
 
-GPURT_INLINE const KdTreeView &group_tree(const KdAccelView &accel, uint32_t group) { return accel.groups[group].tree; }
+GPURT_INLINE const KdTreeView &group_tree(const KdAccelView &accel, uint32_t group)
+{
+  return accel.groups[group].tree;
+}
 
 // Tests the triangles of a leaf. on_hit(triangle, hit) returns true to stop; it may lower `limit`.
 // The triangle `known` is left out.
 template <EdgeRule Rule, TriangleTest Test, class OnHit>
 GPURT_INLINE bool test_leaf(const KdAccelView &accel, uint32_t group, uint32_t first, uint32_t count,
-                            const TriangleRay<Test> &ray, float tmin, const float &limit, const uint32_t &known, OnHit &&on_hit)
+                            const TriangleRay<Test> &ray, float tmin, const float &limit,
+                            const uint32_t &known, OnHit &&on_hit)
 {
   const LeafTriangle *triangles = accel.groups[group].triangles + first;
   for (uint32_t i = 0; i < count; ++i) {

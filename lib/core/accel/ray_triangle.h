@@ -129,8 +129,8 @@ GPURT_INLINE bool owns_edge(ShearedPoint<Real> p, ShearedPoint<Real> q)
 
 // The signs' verdict. The triangle winds a, c, b where its edge functions are positive, a, b, c where negative.
 template <EdgeRule Rule, class Real>
-GPURT_INLINE bool accept_edges(ShearedPoint<Real> a, ShearedPoint<Real> b, ShearedPoint<Real> c, Real eu, Real ev,
-                               Real ew)
+GPURT_INLINE bool accept_edges(ShearedPoint<Real> a, ShearedPoint<Real> b, ShearedPoint<Real> c, Real eu,
+                               Real ev, Real ew)
 {
   const bool any_negative = eu < 0 || ev < 0 || ew < 0;
   const bool any_positive = eu > 0 || ev > 0 || ew > 0;
@@ -150,19 +150,22 @@ GPURT_INLINE bool accept_edges(ShearedPoint<Real> a, ShearedPoint<Real> b, Shear
 // triangle, and t to the triangle's extent along the main axis; edge-on, where the plane says nothing, the weights of
 // the edge functions serve.
 // Source: Moeller and Trumbore 1997 for the formula.
-GPURT_HD inline bool measure_hit(Vec3f origin, Vec3f direction, int main_axis, Vec3f a, Vec3f b, Vec3f c, double eu,
-                                 double ev, double ew, float tmin, float tmax, TriangleHit &hit)
+GPURT_HD inline bool measure_hit(Vec3f origin, Vec3f direction, int main_axis, Vec3f a, Vec3f b, Vec3f c,
+                                 double eu, double ev, double ew, float tmin, float tmax, TriangleHit &hit)
 {
   const double dx = direction.x, dy = direction.y, dz = direction.z;
-  const double e1x = double(b.x) - double(a.x), e1y = double(b.y) - double(a.y), e1z = double(b.z) - double(a.z);
-  const double e2x = double(c.x) - double(a.x), e2y = double(c.y) - double(a.y), e2z = double(c.z) - double(a.z);
+  const double e1x = double(b.x) - double(a.x), e1y = double(b.y) - double(a.y),
+               e1z = double(b.z) - double(a.z);
+  const double e2x = double(c.x) - double(a.x), e2y = double(c.y) - double(a.y),
+               e2z = double(c.z) - double(a.z);
   const double sx = double(origin.x) - double(a.x), sy = double(origin.y) - double(a.y),
                sz = double(origin.z) - double(a.z);
   const double px = dy * e2z - dz * e2y, py = dz * e2x - dx * e2z, pz = dx * e2y - dy * e2x;
   const double qx = sy * e1z - sz * e1y, qy = sz * e1x - sx * e1z, qz = sx * e1y - sy * e1x;
   const double det = e1x * px + e1y * py + e1z * pz;
   const double o = at(origin, main_axis), d = at(direction, main_axis);
-  const double za = double(at(a, main_axis)) - o, zb = double(at(b, main_axis)) - o, zc = double(at(c, main_axis)) - o;
+  const double za = double(at(a, main_axis)) - o, zb = double(at(b, main_axis)) - o,
+               zc = double(at(c, main_axis)) - o;
   double t, u, v;
   if (det != 0.0) {
     const double inv = 1.0 / det;
@@ -194,8 +197,8 @@ GPURT_HD inline bool measure_hit(Vec3f origin, Vec3f direction, int main_axis, V
 
 // True where the triangle is hit with t in [tmin, tmax], from either side.
 template <EdgeRule Rule>
-GPURT_INLINE bool intersect(const TriangleRay<TriangleTest::Watertight> &r, Vec3f a, Vec3f b, Vec3f c, float tmin,
-                            float tmax, TriangleHit &hit)
+GPURT_INLINE bool intersect(const TriangleRay<TriangleTest::Watertight> &r, Vec3f a, Vec3f b, Vec3f c,
+                            float tmin, float tmax, TriangleHit &hit)
 {
   const ShearedPoint<float> sa = shear(r, a), sb = shear(r, b), sc = shear(r, c);
   const float u = edge_function(sc, sb), v = edge_function(sa, sc), w = edge_function(sb, sa);
@@ -204,7 +207,8 @@ GPURT_INLINE bool intersect(const TriangleRay<TriangleTest::Watertight> &r, Vec3
   double eu = u, ev = v, ew = w;
   // A product that vanished, underflowed or overflowed: once more, where products are exact.
   if (!(u < 0.0f || u > 0.0f) || !(v < 0.0f || v > 0.0f) || !(w < 0.0f || w > 0.0f)) {
-    const ShearedPoint<double> da = shear_exact(r, a, sa), db = shear_exact(r, b, sb), dc = shear_exact(r, c, sc);
+    const ShearedPoint<double> da = shear_exact(r, a, sa), db = shear_exact(r, b, sb),
+                               dc = shear_exact(r, c, sc);
     eu = edge_function(dc, db);
     ev = edge_function(da, dc);
     ew = edge_function(db, da);
@@ -227,8 +231,8 @@ GPURT_INLINE bool intersect(const TriangleRay<TriangleTest::Double> &r, Vec3f a,
 // In float throughout, and no constant that a determinant is compared with: it scales with the area.
 // Source: Moeller and Trumbore 1997. Leaks where rounding puts a point outside of both triangles of an edge.
 template <EdgeRule>
-GPURT_INLINE bool intersect(const TriangleRay<TriangleTest::MollerTrumbore> &r, Vec3f a, Vec3f b, Vec3f c, float tmin,
-                            float tmax, TriangleHit &hit)
+GPURT_INLINE bool intersect(const TriangleRay<TriangleTest::MollerTrumbore> &r, Vec3f a, Vec3f b, Vec3f c,
+                            float tmin, float tmax, TriangleHit &hit)
 {
   const Vec3f d = r.direction, e1 = b - a, e2 = c - a, s = r.origin - a;
   const Vec3f p = {d.y * e2.z - d.z * e2.y, d.z * e2.x - d.x * e2.z, d.x * e2.y - d.y * e2.x};
@@ -237,7 +241,8 @@ GPURT_INLINE bool intersect(const TriangleRay<TriangleTest::MollerTrumbore> &r, 
   const float u = s.x * p.x + s.y * p.y + s.z * p.z;
   const Vec3f q = {s.y * e1.z - s.z * e1.y, s.z * e1.x - s.x * e1.z, s.x * e1.y - s.y * e1.x};
   const float v = d.x * q.x + d.y * q.y + d.z * q.z;
-  const bool inside = det > 0.0f ? (u >= 0.0f && v >= 0.0f && u + v <= det) : (u <= 0.0f && v <= 0.0f && u + v >= det);
+  const bool inside =
+      det > 0.0f ? (u >= 0.0f && v >= 0.0f && u + v <= det) : (u <= 0.0f && v <= 0.0f && u + v >= det);
   if (!inside) return false;
   const float t = (e2.x * q.x + e2.y * q.y + e2.z * q.z) / det + 0.0f;
   if (!(t >= tmin && t <= tmax)) return false;

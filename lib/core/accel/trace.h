@@ -132,7 +132,8 @@ GPURT_HD inline bool trace_group(const Accel &accel, uint32_t group, const Trace
 
 // Shows the visitor every hit that may interest it.
 template <TriangleTest Test, EdgeRule Rule, bool Placements, class Accel, class Visitor>
-GPURT_HD inline void trace_ray(const Accel &accel, const SceneView &scene, const TraceRay &ray, Visitor &visitor)
+GPURT_HD inline void trace_ray(const Accel &accel, const SceneView &scene, const TraceRay &ray,
+                               Visitor &visitor)
 {
   if (trace_group<Test, Rule>(accel, 0, ray, 0, invalid_id, visitor)) return;
   if constexpr (Placements) {
@@ -145,10 +146,12 @@ GPURT_HD inline void trace_ray(const Accel &accel, const SceneView &scene, const
         // The direction is not normalised, so that t keeps its unit.
         TraceRay object_ray;
         if (!prepare_ray(transform_point(p.world_to_object, ray.origin),
-                         transform_vector(p.world_to_object, ray.direction), ray.tmin, ray.tmax, object_ray)) {
+                         transform_vector(p.world_to_object, ray.direction), ray.tmin, ray.tmax,
+                         object_ray)) {
           continue;
         }
-        if (trace_group<Test, Rule>(accel, p.group, object_ray, object_ray.exponent, id, visitor)) return true;
+        if (trace_group<Test, Rule>(accel, p.group, object_ray, object_ray.exponent, id, visitor))
+          return true;
       }
       return false;
     });
@@ -194,7 +197,8 @@ GPURT_HD inline void trace_all(const Accel &accel, const SceneView &scene, const
 // Calls sink(hit) for every crossing in the order of (t, instance, primitive), each once. A traversal a hit: for devices
 // where memory for an unknown number of hits is dearer than time.
 template <TriangleTest Test, bool Masks, bool Placements, class Accel, class Sink>
-GPURT_HD inline void trace_all_in_order(const Accel &accel, const SceneView &scene, const Ray &ray, Sink &&sink)
+GPURT_HD inline void trace_all_in_order(const Accel &accel, const SceneView &scene, const Ray &ray,
+                                        Sink &&sink)
 {
   TraceRay r;
   if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return;

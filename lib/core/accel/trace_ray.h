@@ -45,7 +45,8 @@ GPURT_INLINE bool prepare_ray(Vec3f origin, Vec3f direction, float tmin, float t
   // Sums of magnitudes are finite or not as their terms are, but for overflow: test the terms.
   if (!(is_finite(origin) && is_finite(direction) && largest > 0.0f && tmin <= tmax)) return false;
   ray.origin = {origin.x + 0.0f, origin.y + 0.0f, origin.z + 0.0f};
-  ray.main_axis = magnitude.x < magnitude.y ? (magnitude.y < magnitude.z ? 2 : 1) : (magnitude.x < magnitude.z ? 2 : 0);
+  ray.main_axis =
+      magnitude.x < magnitude.y ? (magnitude.y < magnitude.z ? 2 : 1) : (magnitude.x < magnitude.z ? 2 : 0);
   ray.exponent = 0;
   ray.tmin = tmin;
   ray.tmax = tmax;

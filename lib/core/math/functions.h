@@ -15,8 +15,9 @@ GPURT_INLINE void sincos_turns(float x, float &sine, float &cosine)
   const float r = (x - quarter * 0.25f) * (2.0f * pi);  // in [-pi/4, pi/4]
   const float z = r * r;
   const float s = fma(fma(fma(-1.9515295891e-4f, z, 8.3321608736e-3f), z, -1.6666654611e-1f) * z, r, r);
-  const float c = fma(fma(fma(2.443315711809948e-5f, z, -1.388731625493765e-3f), z, 4.166664568298827e-2f) * z, z,
-                      fma(-0.5f, z, 1.0f));
+  const float c =
+      fma(fma(fma(2.443315711809948e-5f, z, -1.388731625493765e-3f), z, 4.166664568298827e-2f) * z, z,
+          fma(-0.5f, z, 1.0f));
   const int q = int(quarter) & 3;
   sine = (q & 1) ? c : s;
   cosine = (q & 1) ? s : c;
@@ -35,7 +36,8 @@ GPURT_INLINE float atan_positive(float x)
     x = (x - 1.0f) / (x + 1.0f);
   }
   const float z = x * x;
-  const float p = fma(fma(fma(8.05374449538e-2f, z, -1.38776856032e-1f), z, 1.99777106478e-1f), z, -3.33329491539e-1f);
+  const float p =
+      fma(fma(fma(8.05374449538e-2f, z, -1.38776856032e-1f), z, 1.99777106478e-1f), z, -3.33329491539e-1f);
   return offset + fma(p * z, x, x);
 }
 

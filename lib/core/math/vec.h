@@ -101,13 +101,13 @@ GPURT_INLINE Vec3f transform_normal(const Transform &inverse, Vec3f n)
           fma(inverse.m[0][2], n.x, fma(inverse.m[1][2], n.y, inverse.m[2][2] * n.z))};
 }
 
-GPURT_INLINE Box empty_box()
-{
-  return {{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
-}
+GPURT_INLINE Box empty_box() { return {{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}}; }
 GPURT_INLINE Box extend(Box b, Vec3f p) { return {min(b.lo, p), max(b.hi, p)}; }
 GPURT_INLINE Box extend(Box a, Box b) { return {min(a.lo, b.lo), max(a.hi, b.hi)}; }
-GPURT_INLINE bool is_empty(const Box &b) { return !(b.lo.x <= b.hi.x && b.lo.y <= b.hi.y && b.lo.z <= b.hi.z); }
+GPURT_INLINE bool is_empty(const Box &b)
+{
+  return !(b.lo.x <= b.hi.x && b.lo.y <= b.hi.y && b.lo.z <= b.hi.z);
+}
 
 // Two unit vectors that complete a unit vector to a right-handed frame.
 // Source: Duff et al. 2017.

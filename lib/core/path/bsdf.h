@@ -23,7 +23,10 @@ struct BsdfSample {
 
 GPURT_FUNCTIONS_BEGIN
 
-GPURT_INLINE bool is_delta(const Bsdf &b) { return b.type == MaterialType::Mirror || b.type == MaterialType::Glass; }
+GPURT_INLINE bool is_delta(const Bsdf &b)
+{
+  return b.type == MaterialType::Mirror || b.type == MaterialType::Glass;
+}
 
 // Reflectance of a smooth dielectric for unpolarised light, exact. cos_i >= 0; cos_t is 0 for total reflection.
 GPURT_INLINE float fresnel_dielectric(float cos_i, float eta, float &cos_t)

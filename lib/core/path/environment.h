@@ -41,8 +41,8 @@ GPURT_INLINE uint32_t find_interval(const float *cdf, uint32_t n, float x)
 GPURT_INLINE float environment_cell_pdf(const Environment &e, uint32_t row, uint32_t column, float sin_theta)
 {
   const float *columns = e.column_cdf + size_t(row) * (e.width + 1);
-  const float p = (e.row_cdf[row + 1] - e.row_cdf[row]) * float(e.height) * (columns[column + 1] - columns[column]) *
-                  float(e.width);
+  const float p = (e.row_cdf[row + 1] - e.row_cdf[row]) * float(e.height) *
+                  (columns[column + 1] - columns[column]) * float(e.width);
   return sin_theta > 0.0f ? p / (2.0f * pi * pi * sin_theta) : 0.0f;
 }
 

@@ -29,9 +29,9 @@ struct PixelFirstHit {
 };
 
 struct FilmView {
-  PixelSums *pixels;           // [height][width]
-  PixelFeatures *features;     // or null
-  PixelFirstHit *first_hits;   // or null
+  PixelSums *pixels;          // [height][width]
+  PixelFeatures *features;    // or null
+  PixelFirstHit *first_hits;  // or null
   uint32_t width, height;
 };
 

@@ -13,10 +13,10 @@
 namespace gpurt {
 
 struct LightSample {
-  Vec3f target;        // where the shadow ray ends; a direction if the light is at infinity
-  Vec3f radiance;      // divided by nothing: radiance of lamps and the environment, irradiance of deltas at p
-  Vec3f wi;            // unit, towards the light
-  float pdf;           // solid angle, choice included; for deltas the probability of the choice
+  Vec3f target;    // where the shadow ray ends; a direction if the light is at infinity
+  Vec3f radiance;  // divided by nothing: radiance of lamps and the environment, irradiance of deltas at p
+  Vec3f wi;        // unit, towards the light
+  float pdf;       // solid angle, choice included; for deltas the probability of the choice
   bool is_delta;
   bool at_infinity;
 };
@@ -76,12 +76,14 @@ GPURT_INLINE float spot_falloff(const Light &light, Vec3f to_surface)
 {
   // Source: glTF extension KHR_lights_punctual, with its floor of 0.001 on the cone's width.
   const float cos_angle = dot(light.direction, to_surface);
-  const float x = clamp((cos_angle - light.cos_outer) / max(0.001f, light.cos_inner - light.cos_outer), 0.0f, 1.0f);
+  const float x =
+      clamp((cos_angle - light.cos_outer) / max(0.001f, light.cos_inner - light.cos_outer), 0.0f, 1.0f);
   return x * x;
 }
 
 // False if no light was drawn that can contribute. u0 chooses, u1 places.
-GPURT_HD inline bool sample_light(const SceneView &scene, Vec3f p, Vec3f n, float u0, Vec2f u1, LightSample &s)
+GPURT_HD inline bool sample_light(const SceneView &scene, Vec3f p, Vec3f n, float u0, Vec2f u1,
+                                  LightSample &s)
 {
   const LightGroups groups = light_groups(scene, p, n);
   if (u0 < groups.tree) {
@@ -159,7 +161,8 @@ GPURT_HD inline float lamp_pdf(const SceneView &scene, Vec3f p, Vec3f n, uint32_
   const float twice_area = length(area_vector);
   const float cos_light = abs(dot(area_vector / twice_area, w));
   if (!(cos_light > 0.0f) || !(twice_area > 0.0f)) return 0.0f;
-  return groups.tree * light_tree_probability(scene, p, n, index) * length2(q - p) / (0.5f * twice_area * cos_light);
+  return groups.tree * light_tree_probability(scene, p, n, index) * length2(q - p) /
+         (0.5f * twice_area * cos_light);
 }
 
 GPURT_HD inline float environment_light_pdf(const SceneView &scene, Vec3f p, Vec3f n, Vec3f w)

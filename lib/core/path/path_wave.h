@@ -15,8 +15,8 @@ namespace gpurt {
 // What a path carries from vertex to vertex.
 struct PathState {
   Vec3f throughput;
-  float pdf;        // of the last direction; 0: it had no alternative (the camera, mirrors, glass)
-  Vec3f position;   // of the last vertex, for the density of lights seen from it
+  float pdf;       // of the last direction; 0: it had no alternative (the camera, mirrors, glass)
+  Vec3f position;  // of the last vertex, for the density of lights seen from it
   Vec3f normal;
   Vec3f radiance;
   SampleKey key;
@@ -44,12 +44,12 @@ struct PathUnit {
 
 struct PathWave {
   PathState *paths;
-  RayQueue rays;          // traced next
-  Hit *hits;              // of rays
-  RayQueue next_rays;     // written by a step, one slot a ray; tmax < 0: no ray
-  ShadowQueue shadows;    // likewise
+  RayQueue rays;             // traced next
+  Hit *hits;                 // of rays
+  RayQueue next_rays;        // written by a step, one slot a ray; tmax < 0: no ray
+  ShadowQueue shadows;       // likewise
   ShadowQueue shadow_queue;  // the shadow rays that are there
-  uint8_t *occluded;      // of shadow_queue
+  uint8_t *occluded;         // of shadow_queue
 };
 
 // A ray that leaves a surface starts beyond its own surface, or on it where coordinates are exact, as on the plane y = 0:
@@ -61,11 +61,17 @@ GPURT_FUNCTIONS_BEGIN
 
 // Pairs of sample dimensions: one for the pixel, then these for every step. `choice` picks the light, or what glass
 // does, and decides the roulette.
-enum PathDimension : uint32_t { dim_pixel = 0, dim_choice = 1, dim_light = 2, dim_bsdf = 3, dims_per_step = 3 };
+enum PathDimension : uint32_t {
+  dim_pixel = 0,
+  dim_choice = 1,
+  dim_light = 2,
+  dim_bsdf = 3,
+  dims_per_step = 3
+};
 
 struct PathSample {
-  uint32_t x, y;      // pixel
-  uint32_t local;     // pixel of the unit
+  uint32_t x, y;   // pixel
+  uint32_t local;  // pixel of the unit
   uint64_t sample;
 };
 
@@ -122,7 +128,8 @@ struct ShadePathVertex {
         if (path.pdf > 0.0f) {
           weight = power_heuristic(path.pdf, environment_light_pdf(scene, path.position, path.normal, w));
         }
-        wave.paths[path_index].radiance = path.radiance + path.throughput * environment_radiance(scene, w) * weight;
+        wave.paths[path_index].radiance =
+            path.radiance + path.throughput * environment_radiance(scene, w) * weight;
       }
       return;
     }
@@ -136,7 +143,8 @@ struct ShadePathVertex {
     if (surface.light != invalid_id && (front || material.two_sided_emission)) {
       float weight = 1.0f;
       if (path.pdf > 0.0f) {
-        weight = power_heuristic(path.pdf, lamp_pdf(scene, path.position, path.normal, surface.light, surface.position, wo_world));
+        weight = power_heuristic(
+            path.pdf, lamp_pdf(scene, path.position, path.normal, surface.light, surface.position, wo_world));
       }
       path.radiance += path.throughput * material.emission * weight;
     }
@@ -156,8 +164,8 @@ struct ShadePathVertex {
       const uint32_t pair = (depth - 1) * dims_per_step;
       const Vec2f choice = sample_2d(path.key, pair + dim_choice);
       if (!is_delta(bsdf)) {
-        direct_light(i, surface, bsdf, normal, s, t, wo, choice.x,
-                     sample_2d(path.key, pair + dim_light), path);
+        direct_light(i, surface, bsdf, normal, s, t, wo, choice.x, sample_2d(path.key, pair + dim_light),
+                     path);
       }
       continue_path(i, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf), path);
     }
@@ -165,8 +173,8 @@ struct ShadePathVertex {
   }
 
  private:
-  GPURT_HD void direct_light(uint32_t i, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s, Vec3f t,
-                             Vec3f wo, float u0, Vec2f u1, const PathState &path) const
+  GPURT_HD void direct_light(uint32_t i, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s,
+                             Vec3f t, Vec3f wo, float u0, Vec2f u1, const PathState &path) const
   {
     LightSample light;
     if (!sample_light(scene, surface.position, normal, u0, u1, light)) return;
@@ -184,8 +192,8 @@ struct ShadePathVertex {
     wave.shadows.contributions[i] = path.throughput * f * light.radiance * (weight / light.pdf);
   }
 
-  GPURT_HD void continue_path(uint32_t i, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s, Vec3f t,
-                              Vec3f wo, Vec2f choice, Vec2f u, PathState &path) const
+  GPURT_HD void continue_path(uint32_t i, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s,
+                              Vec3f t, Vec3f wo, Vec2f choice, Vec2f u, PathState &path) const
   {
     BsdfSample next;
     if (!sample_bsdf(bsdf, wo, choice.x, u, next)) return;
@@ -203,9 +211,9 @@ struct ShadePathVertex {
     path.pdf = next.pdf;
     path.position = surface.position;
     path.normal = normal;
-    wave.next_rays.rays[i] = {offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi),
-                              leaving_tmin, wi,
-                              infinity};
+    wave.next_rays.rays[i] = {
+        offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi), leaving_tmin,
+        wi, infinity};
   }
 };
 
@@ -227,7 +235,8 @@ struct AddFeatures {
       const Hit hit = wave.hits[k];
       const Ray ray = wave.rays.rays[k];
       const bool is_first = film.first_hits != nullptr && sample.sample == 0;
-      if (is_first) film.first_hits[sample.local] = {infinity, vec3(0.0f), invalid_id, invalid_id, invalid_id, 1};
+      if (is_first)
+        film.first_hits[sample.local] = {infinity, vec3(0.0f), invalid_id, invalid_id, invalid_id, 1};
       if (hit.triangle == invalid_id) continue;
       const SurfaceHit surface = surface_at(scene, hit);
       if (film.features != nullptr) add_features(film.features[sample.local], surface, ray);
@@ -238,7 +247,8 @@ struct AddFeatures {
  private:
   GPURT_HD void add_features(PixelFeatures &f, const SurfaceHit &surface, const Ray &ray) const
   {
-    const Vec3f n = dot(surface.shading_normal, ray.direction) > 0.0f ? -surface.shading_normal : surface.shading_normal;
+    const Vec3f n =
+        dot(surface.shading_normal, ray.direction) > 0.0f ? -surface.shading_normal : surface.shading_normal;
     const Vec3f albedo = base_color(scene, scene.materials[surface.material], surface.uv);
     f.normal[0] += feature_from(n.x);
     f.normal[1] += feature_from(n.y);
@@ -248,7 +258,8 @@ struct AddFeatures {
     f.albedo[2] += feature_from(albedo.z);
   }
 
-  GPURT_HD void set_first_hit(PixelFirstHit &first, const SurfaceHit &surface, const Hit &hit, const Ray &ray) const
+  GPURT_HD void set_first_hit(PixelFirstHit &first, const SurfaceHit &surface, const Hit &hit,
+                              const Ray &ray) const
   {
     const Segment &segment = scene.segments[scene.triangle_segment[hit.triangle]];
     const Transform &m = settings.camera.camera_to_world;
@@ -257,7 +268,8 @@ struct AddFeatures {
     first.position = surface.position;
     first.primitive = hit.triangle - segment.first_triangle;
     first.geometry = segment.geometry;
-    first.instance = hit.placement == invalid_id ? segment.instance : scene.placements[hit.placement].instance;
+    first.instance =
+        hit.placement == invalid_id ? segment.instance : scene.placements[hit.placement].instance;
   }
 };
 
@@ -267,7 +279,8 @@ struct AddDirectLight {
 
   GPURT_HD void operator()(uint32_t i) const
   {
-    if (!wave.occluded[i]) wave.paths[wave.shadow_queue.paths[i]].radiance += wave.shadow_queue.contributions[i];
+    if (!wave.occluded[i])
+      wave.paths[wave.shadow_queue.paths[i]].radiance += wave.shadow_queue.contributions[i];
   }
 };
 
@@ -284,7 +297,8 @@ struct AddSamples {
     const uint32_t num_pixels = film.width * film.height;
     for (uint32_t k = i; k < num_paths; k += num_pixels) {
       const PathSample sample = path_sample(unit, k);
-      add_sample(film.pixels[sample.local], sample.sample, wave.paths[k].radiance, wave.paths[k].covered != 0);
+      add_sample(film.pixels[sample.local], sample.sample, wave.paths[k].radiance,
+                 wave.paths[k].covered != 0);
     }
   }
 };

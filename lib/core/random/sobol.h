@@ -12,8 +12,8 @@ namespace gpurt {
 
 // A point set: one pixel's samples of one half of the film.
 struct SampleKey {
-  uint64_t seed;             // hash of everything but sample and dimension
-  uint32_t reversed_index;   // of the point in its sequence, its bits reversed
+  uint64_t seed;            // hash of everything but sample and dimension
+  uint32_t reversed_index;  // of the point in its sequence, its bits reversed
 };
 
 GPURT_FUNCTIONS_BEGIN
@@ -71,7 +71,8 @@ GPURT_INLINE Vec2f sample_2d(SampleKey key, uint32_t pair)
   const uint32_t low = uint32_t(seed), high = uint32_t(seed >> 32);
   const uint32_t index = reverse_bits(scramble_reversed(key.reversed_index, low));
   const uint32_t x = reverse_bits(scramble_reversed(index, high));
-  const uint32_t y = reverse_bits(scramble_reversed(sobol_second_reversed(index), (low ^ high) * 0x9e3779b1u));
+  const uint32_t y =
+      reverse_bits(scramble_reversed(sobol_second_reversed(index), (low ^ high) * 0x9e3779b1u));
   return {unit_float(x), unit_float(y)};
 }
 

@@ -19,7 +19,8 @@ struct Segment {
   uint32_t geometry;      // public id
   uint32_t instance;      // public id; invalid_id: shared geometry, see the placement
   uint32_t first_light;   // of its triangles, primitive by primitive; invalid_id: not a lamp, or shared
-  uint32_t flips;           // 1: baked by a transform that mirrors; the 2nd and 3rd corner are exchanged, and so u and v
+  uint32_t
+      flips;  // 1: baked by a transform that mirrors; the 2nd and 3rd corner are exchanged, and so u and v
 };
 
 struct Group {
@@ -32,7 +33,7 @@ struct Group {
 struct Placement {
   Transform object_to_world;
   Transform world_to_object;
-  Box bounds;            // world, conservative
+  Box bounds;  // world, conservative
   uint32_t group;
   uint32_t instance;     // public id
   uint32_t first_light;  // as in Segment
@@ -71,9 +72,9 @@ struct Light {
   uint32_t triangle;   // Triangle: index into SceneView::indices
   uint32_t placement;  // Triangle: of a shared geometry, else invalid_id
   uint32_t two_sided;
-  Vec3f color;         // Triangle: radiance; Point, Spot: intensity; Distant: irradiance
-  Vec3f position;      // Point, Spot
-  Vec3f direction;     // Spot, Distant: unit, where it shines
+  Vec3f color;      // Triangle: radiance; Point, Spot: intensity; Distant: irradiance
+  Vec3f position;   // Point, Spot
+  Vec3f direction;  // Spot, Distant: unit, where it shines
   float cos_inner, cos_outer;
   uint64_t tree_path;  // bit i: which child is taken at level i of the light tree, the root being level 0
 };
@@ -85,7 +86,7 @@ struct LightNode {
   float cos_theta;  // half angle of normals
   float cos_emit;   // and of emission around a normal
   float power;
-  uint32_t child;   // inner: children at child, child + 1; leaf: the light
+  uint32_t child;  // inner: children at child, child + 1; leaf: the light
   uint32_t is_leaf;
   uint32_t two_sided;
   uint32_t reserved;
@@ -93,18 +94,18 @@ struct LightNode {
 
 // The environment: constant, or a lat-long texture with a table for importance sampling.
 struct Environment {
-  Vec3f radiance;  // constant, or factor of the texture
-  uint32_t texture;            // invalid_id: constant
+  Vec3f radiance;    // constant, or factor of the texture
+  uint32_t texture;  // invalid_id: constant
   uint32_t is_present;
-  float mean_luminance;        // over the sphere, of an image; else 0
-  uint32_t width, height;      // of the table
-  const float *row_cdf;        // [height + 1]; null: constant, or black
-  const float *column_cdf;     // [height][width + 1]
+  float mean_luminance;     // over the sphere, of an image; else 0
+  uint32_t width, height;   // of the table
+  const float *row_cdf;     // [height + 1]; null: constant, or black
+  const float *column_cdf;  // [height][width + 1]
 };
 
 struct SceneView {
   const Vec3f *positions;
-  const UInt3 *indices;             // of all triangles, into positions
+  const UInt3 *indices;  // of all triangles, into positions
   const uint32_t *triangle_segment;
   const Vec3f *normals;
   const Vec2f *uvs;
@@ -113,17 +114,17 @@ struct SceneView {
   const Placement *placements;
   const Material *materials;
   const Texture *textures;
-  const Light *lights;              // triangles, points, spots: leaves of the tree; then distant lights
-  const LightNode *light_nodes;     // root first
+  const Light *lights;           // triangles, points, spots: leaves of the tree; then distant lights
+  const LightNode *light_nodes;  // root first
   Environment environment;
-  Box bounds;                       // world, of everything; empty for an empty scene
+  Box bounds;  // world, of everything; empty for an empty scene
   uint64_t num_triangles;
   uint32_t num_groups;
   uint32_t num_placements;
   uint32_t num_segments;
   uint32_t num_materials;
-  uint32_t num_tree_lights;         // leaves of the light tree
-  uint32_t num_distant_lights;      // lights[num_tree_lights ...]
+  uint32_t num_tree_lights;     // leaves of the light tree
+  uint32_t num_distant_lights;  // lights[num_tree_lights ...]
   uint32_t num_light_nodes;
   uint32_t has_alpha_masks;
 };

@@ -18,7 +18,8 @@ struct SurfaceHit {
 
 GPURT_FUNCTIONS_BEGIN
 
-GPURT_INLINE Vec2f interpolate_uv(const SceneView &scene, const Segment &segment, UInt3 corner, float u, float v)
+GPURT_INLINE Vec2f interpolate_uv(const SceneView &scene, const Segment &segment, UInt3 corner, float u,
+                                  float v)
 {
   if (segment.first_uv == invalid_id) return {0.0f, 0.0f};
   const Vec2f *uvs = scene.uvs + segment.first_uv - segment.first_vertex;
@@ -71,7 +72,8 @@ GPURT_HD inline SurfaceHit surface_at(const SceneView &scene, const Hit &hit)
     }
   }
   s.light = invalid_id;
-  if (segment.first_light != invalid_id) s.light = segment.first_light + (hit.triangle - segment.first_triangle);
+  if (segment.first_light != invalid_id)
+    s.light = segment.first_light + (hit.triangle - segment.first_triangle);
   if (hit.placement != invalid_id) {
     const Placement &p = scene.placements[hit.placement];
     const Transform &m = p.object_to_world;

@@ -11,8 +11,7 @@ class SerialExecutor {
  public:
   SerialExecutor(const CpuAccel &accel, double (*seconds)(), PathKernelCounters &counters)
       : accel_(accel), seconds_(seconds), counters_(counters), last_(seconds())
-  {
-  }
+  {}
 
   template <class Stage>
   void for_each(PathStage id, uint32_t n, const Stage &stage)
@@ -76,9 +75,9 @@ class SerialExecutor {
 
 }  // namespace
 
-void render_paths(const CpuAccel &accel, const SceneView &scene, const PathSettings &settings, const PathUnit &unit,
-                  const PathWave &wave, const FilmView &film, uint32_t num_paths, double (*seconds)(),
-                  PathKernelCounters &counters)
+void render_paths(const CpuAccel &accel, const SceneView &scene, const PathSettings &settings,
+                  const PathUnit &unit, const PathWave &wave, const FilmView &film, uint32_t num_paths,
+                  double (*seconds)(), PathKernelCounters &counters)
 {
   SerialExecutor executor(accel, seconds, counters);
   trace_paths(executor, scene, settings, unit, wave, film, num_paths);

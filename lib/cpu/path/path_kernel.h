@@ -20,7 +20,7 @@ struct PathKernelCounters {
 
 // Renders paths 0 .. num_paths - 1 of the unit into its film; the wave has room for them.
 using PathKernel = void (*)(const CpuAccel &accel, const SceneView &scene, const PathSettings &settings,
-                            const PathUnit &unit, const PathWave &wave, const FilmView &film, uint32_t num_paths,
-                            double (*seconds)(), PathKernelCounters &counters);
+                            const PathUnit &unit, const PathWave &wave, const FilmView &film,
+                            uint32_t num_paths, double (*seconds)(), PathKernelCounters &counters);
 
 }  // namespace gpurt

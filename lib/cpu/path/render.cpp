@@ -23,11 +23,16 @@ double steady_seconds()
 class Scratch {
  public:
   Scratch()
-      : paths_(wave_capacity), hits_(wave_capacity), rays_(wave_capacity), next_rays_(wave_capacity),
-        shadow_slots_(wave_capacity), shadow_rays_(wave_capacity), ids_(4 * size_t(wave_capacity)),
-        contributions_(2 * size_t(wave_capacity)), occluded_(wave_capacity)
-  {
-  }
+      : paths_(wave_capacity),
+        hits_(wave_capacity),
+        rays_(wave_capacity),
+        next_rays_(wave_capacity),
+        shadow_slots_(wave_capacity),
+        shadow_rays_(wave_capacity),
+        ids_(4 * size_t(wave_capacity)),
+        contributions_(2 * size_t(wave_capacity)),
+        occluded_(wave_capacity)
+  {}
 
   PathWave wave()
   {
@@ -92,7 +97,9 @@ void render_on_cpu(const RenderPass &pass, const CpuAccel &accel, const SceneVie
   const uint64_t num_threads = uint64_t(arena.max_concurrency());
   const Reservation reserved(memory, num_threads * (Scratch::bytes() + largest_film_bytes(pass)),
                              "rendering's working memory");
-  const auto is_cancelled = [&] { return pass.cancelled != nullptr && pass.cancelled->load(std::memory_order_relaxed); };
+  const auto is_cancelled = [&] {
+    return pass.cancelled != nullptr && pass.cancelled->load(std::memory_order_relaxed);
+  };
 
   arena.execute([&] {
     tbb::enumerable_thread_specific<Scratch> scratches;
@@ -111,7 +118,8 @@ void render_on_cpu(const RenderPass &pass, const CpuAccel &accel, const SceneVie
               if (is_cancelled()) return;
               const PathUnit part{unit.x0, unit.y0, unit.x1, unit.y1, unit.first_sample, first};
               kernel(accel, scene, pass.settings, part, wave, scratch.film.view(),
-                     uint32_t(std::min<uint64_t>(wave_capacity, num_paths - first)), steady_seconds, counters);
+                     uint32_t(std::min<uint64_t>(wave_capacity, num_paths - first)), steady_seconds,
+                     counters);
             }
             pass.deliver(unit, scratch.film, counters_from(counters, num_paths));
           }
@@ -122,12 +130,12 @@ void render_on_cpu(const RenderPass &pass, const CpuAccel &accel, const SceneVie
 
 #if defined(__x86_64__)
 inline namespace x86_64 {
-void render_paths(const CpuAccel &, const SceneView &, const PathSettings &, const PathUnit &, const PathWave &,
-                  const FilmView &, uint32_t, double (*)(), PathKernelCounters &);
+void render_paths(const CpuAccel &, const SceneView &, const PathSettings &, const PathUnit &,
+                  const PathWave &, const FilmView &, uint32_t, double (*)(), PathKernelCounters &);
 }
 namespace x86_64_v3 {
-void render_paths(const CpuAccel &, const SceneView &, const PathSettings &, const PathUnit &, const PathWave &,
-                  const FilmView &, uint32_t, double (*)(), PathKernelCounters &);
+void render_paths(const CpuAccel &, const SceneView &, const PathSettings &, const PathUnit &,
+                  const PathWave &, const FilmView &, uint32_t, double (*)(), PathKernelCounters &);
 }
 PathKernel path_kernel(const char *isa_name)
 {
@@ -135,8 +143,8 @@ PathKernel path_kernel(const char *isa_name)
 }
 #else
 inline namespace generic {
-void render_paths(const CpuAccel &, const SceneView &, const PathSettings &, const PathUnit &, const PathWave &,
-                  const FilmView &, uint32_t, double (*)(), PathKernelCounters &);
+void render_paths(const CpuAccel &, const SceneView &, const PathSettings &, const PathUnit &,
+                  const PathWave &, const FilmView &, uint32_t, double (*)(), PathKernelCounters &);
 }
 PathKernel path_kernel(const char *) { return generic::render_paths; }
 #endif
