@@ -100,7 +100,7 @@ def write(options: argparse.Namespace, command: str, reference: metrics.Picture,
     subtitle = (f"{width}x{height} pixels, gpurt {gpurt.__version__}, "
                 f"{'; '.join(dict.fromkeys(c.device.name for c in curves))}; median of {options.repeats} seeds"
                 + (", the reference's noise subtracted" if noise.relmse > 0 else ""))
-    notes = ("Band: smallest to largest over the seeds. Grey: Pareto front. Slope: of error over render time alone; "
+    notes = ("Band: smallest to largest over the seeds. Grey: Pareto front. Slope: of error over render time alone, later half; "
              "-1 is an unbiased method.")
     about: Dict[str, Any] = {
         "gpurt": gpurt.__version__, "command": command, "scene": options.scene, "reference": options.reference,

@@ -109,6 +109,7 @@ def place_labels(axes: "Axes", ends: Sequence[End]) -> None:
 def draw(results: Sequence[Result], title: str, subtitle: str, notes: str) -> "Figure":
     from matplotlib import rc_context
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
     with rc_context(STYLE):
         figure = Figure(figsize=(13, 5.6))
         panels = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -116,7 +117,10 @@ def draw(results: Sequence[Result], title: str, subtitle: str, notes: str) -> "F
         for axes, ends_of_panel in zip(panels, ends):  # the panels share their limits, so after both are drawn
             place_labels(axes, ends_of_panel)
         panels[1].tick_params(labelleft=True)
+        panels[0].xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         panels[0].xaxis.set_major_formatter("{x:g}")
+        for axis in (panels[0].xaxis, panels[0].yaxis):
+            axis.set_minor_formatter(NullFormatter())
         panels[0].set_ylabel("error against the reference")
         figure.text(0.055, 0.955, title, fontsize=14, fontweight="bold", va="center")
         figure.text(0.055, 0.905, subtitle, fontsize=9.5, color="#505050", va="center")

@@ -187,7 +187,7 @@ def write_page(path: str, title: str, command: str, svg: str, results: Sequence[
             f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head><body>'
             f"{svg}"
             f"<h2>Settings</h2>{settings_table(results)}"
-            '<p class="about">Slopes are of error over render time without loading and building; '
+            '<p class="about">Slopes are of error over render time without loading and building, later half of the points; '
             "-1 is an unbiased method.</p>"
             f"{sections}<h2>Pictures at equal time</h2>{picture_figures(pictures, reference)}"
             f"<h2>Again</h2><pre>{html.escape(command)}</pre></body></html>\n")
