@@ -234,8 +234,7 @@ void Job::render()
     if (desc_.target_error > 0) {
       error = frame_->estimated_error();
       if (error >= 0 && error <= double(desc_.target_error)) {
-        reason = fmt::format("{} samples per pixel: the estimated error {:.3g} is below {:.3g}", goal, error,
-                             desc_.target_error);
+        reason = fmt::format("the estimated error {:.3g} is below {:.3g}", error, desc_.target_error);
         break;
       }
     }
@@ -245,18 +244,24 @@ void Job::render()
              "a film holds no more than {} samples per pixel, and the estimated error is still {}", limit,
              error);
       }
-      reason = fmt::format("{} samples per pixel, as asked", goal);
+      reason = "as many as asked for";
       break;
     }
     goal = std::min(limit, checkpoint_after(goal));
     // The error falls with the number of samples: a guess for the progress alone.
-    if (error > 0)
+    if (error > 0) {
       expected_ = std::max(double(done_) * error / double(desc_.target_error), double(done_) * 1.01);
+    }
   }
+  uint64_t fewest = ~uint64_t(0);
+  for (const Region &r : regions_) fewest = std::min(fewest, r.num_samples);
   frame_->set_outcome(desc_.tile_size,
-                      fmt::format("path is the only pipeline of this version; stopped at {}", reason));
+                      fmt::format("path is the only pipeline of this version; stopped at {} samples per pixel: {}",
+                                  fewest, reason));
   share_ = 1;
-  if (desc_.progress) desc_.progress(desc_.progress_user, double(done_), double(done_));
+  // A job that found nothing to do has done all of it too.
+  const double done = std::max(1.0, double(done_));
+  if (desc_.progress) desc_.progress(desc_.progress_user, done, done);
 }
 
 // The level that the next pass goes to: a few samples further than those who have fewest.

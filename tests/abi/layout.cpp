@@ -271,6 +271,22 @@ FIELD(gpurt_statistics, largest_sample, 168);
 FIELD(gpurt_statistics, memory_peak_bytes, 176);
 FIELD(gpurt_statistics, reason, 184);
 
+SIZE(gpurt_state_info, 72);
+FIELD(gpurt_state_info, struct_size, 0);
+FIELD(gpurt_state_info, width, 4);
+FIELD(gpurt_state_info, height, 8);
+FIELD(gpurt_state_info, camera, 12);
+FIELD(gpurt_state_info, outputs, 16);
+FIELD(gpurt_state_info, frame_index, 20);
+FIELD(gpurt_state_info, seed, 24);
+FIELD(gpurt_state_info, first_sample, 32);
+FIELD(gpurt_state_info, num_samples, 40);
+FIELD(gpurt_state_info, scene_hash, 48);
+FIELD(gpurt_state_info, pipeline, 56);
+FIELD(gpurt_state_info, accel, 60);
+FIELD(gpurt_state_info, triangle_test, 64);
+FIELD(gpurt_state_info, max_depth, 68);
+
 VALUE(GPURT_OK, 0);
 VALUE(GPURT_ERROR_INVALID_ARGUMENT, 1);
 VALUE(GPURT_ERROR_OUT_OF_MEMORY, 2);
