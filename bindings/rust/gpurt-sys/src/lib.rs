@@ -49,6 +49,7 @@ init! {
     gpurt_trace_desc {}
     gpurt_frame_desc {}
     gpurt_render_desc {}
+    gpurt_state_info {}
     gpurt_statistics {}
 }
 

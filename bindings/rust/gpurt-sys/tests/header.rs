@@ -1,5 +1,5 @@
-//! The bindings against the headers in include/, asked of the C compiler: nothing of the header is missing, and
-//! constants, signatures, layouts and default values are the same.
+//! The bindings against the headers in include/, asked of the C compiler: nothing is missing, and constants,
+//! signatures, layouts and default values are the same.
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::mem::{size_of, size_of_val, MaybeUninit};
@@ -45,7 +45,8 @@ fn nothing_is_missing() {
         code += if i == 0 { part } else { part.split_once("*/").unwrap().1 };
     }
     let bound = words(BINDINGS);
-    let is_macro = |word: &str| word.ends_with("_INIT") || ["GPURT_H", "GPURT_CUDA_H", "GPURT_API"].contains(&word);
+    let is_macro =
+        |word: &str| word.ends_with("_INIT") || ["GPURT_H", "GPURT_CUDA_H", "GPURT_API"].contains(&word);
     let missing: Vec<_> = words(&code)
         .into_iter()
         .filter(|word| word.to_lowercase().starts_with("gpurt_") && !is_macro(word) && !bound.contains(word))
@@ -193,6 +194,8 @@ macro_rules! with_descriptors {
             gpurt_frame_desc { struct_size width height camera outputs frame_index seed first_sample }
             gpurt_render_desc { struct_size pipeline samples_per_pixel target_error time_limit_s max_depth
                 tile_size progress progress_user }
+            gpurt_state_info { struct_size width height camera outputs frame_index seed first_sample
+                num_samples scene_hash pipeline accel triangle_test max_depth }
             gpurt_statistics { struct_size pipeline accel triangle_test max_depth tile_size num_threads width
                 height seed samples_per_pixel num_samples num_camera_rays num_bounce_rays num_shadow_rays
                 num_nonfinite num_saturated render_seconds generate_seconds trace_seconds shade_seconds

@@ -7,7 +7,8 @@ use std::ptr;
 use crate::callback::{call, Callbacks};
 use crate::macros::{c_path, text};
 use crate::{
-    sys, Accel, CameraId, Error, Job, Output, Pipeline, RenderDesc, Result, Scene, Tile, TriangleTest,
+    sys, Accel, BuildDesc, CameraId, Error, Job, Output, Pipeline, RenderDesc, Result, Scene, Tile,
+    TriangleTest,
 };
 
 handle! {
@@ -180,7 +181,7 @@ impl Frame {
         call(|| unsafe { sys::gpurt_frame_merge(self.as_raw(), other.as_raw()) })
     }
 
-    /// Adds the samples of a `.gpurt` file.
+    /// Adds the samples of a `.gpurt` file. [`StateInfo`] says which frame can.
     pub fn load_state(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = c_path(path.as_ref())?;
         // SAFETY: the handle is valid; the path lives during the call.
@@ -261,5 +262,71 @@ filled_struct! {
             /// Why settings were chosen.
             reason: String = text(&raw.reason),
         }
+    }
+}
+
+filled_struct! {
+    /// What a `.gpurt` file is the state of.
+    StateInfo: gpurt_state_info as raw {
+        same {
+            /// Of the frame.
+            width: u32,
+            /// Of the frame.
+            height: u32,
+            /// Which frame of an animation.
+            frame_index: u32,
+            /// Of the random numbers.
+            seed: u64,
+            /// The first sample index that the frame rendered.
+            first_sample: u64,
+            /// In all pixels together.
+            num_samples: u64,
+            /// Tells scenes apart.
+            scene_hash: u64,
+            /// Of the renders; 0: no samples yet.
+            max_depth: u32,
+        }
+        converted {
+            /// Of the scene.
+            camera: CameraId = CameraId(raw.camera),
+            /// What the frame keeps.
+            outputs: Vec<Output> = outputs(raw.outputs)?,
+            /// Of the renders; [`Pipeline::Auto`]: no samples yet.
+            pipeline: Pipeline = Pipeline::from_raw(raw.pipeline)?,
+            /// Of the scene's commit.
+            accel: Accel = Accel::from_raw(raw.accel)?,
+            /// Of the scene's commit.
+            triangle_test: TriangleTest = TriangleTest::from_raw(raw.triangle_test)?,
+        }
+    }
+}
+
+fn outputs(bits: u32) -> Result<Vec<Output>> {
+    (0..32).filter(|bit| bits >> bit & 1 == 1).map(Output::from_raw).collect()
+}
+
+impl StateInfo {
+    /// Reads the head of a `.gpurt` file.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = c_path(path.as_ref())?;
+        let mut raw = sys::gpurt_state_info::default();
+        // SAFETY: the path and the output live during the call.
+        call(|| unsafe { sys::gpurt_state_read_info(path.as_ptr(), &mut raw) })?;
+        StateInfo::from_raw(&raw)
+    }
+
+    /// Describes a frame that can load the file.
+    pub fn frame_desc(&self) -> FrameDesc {
+        FrameDesc::new(self.width, self.height)
+            .camera(self.camera)
+            .outputs(&self.outputs)
+            .frame_index(self.frame_index)
+            .seed(self.seed)
+            .first_sample(self.first_sample)
+    }
+
+    /// How to commit the scene of such a frame.
+    pub fn build_desc(&self) -> BuildDesc {
+        BuildDesc { accel: self.accel, triangle_test: self.triangle_test, ..Default::default() }
     }
 }

@@ -50,7 +50,7 @@ pub use description::*;
 pub use device::{Device, DeviceDesc, DeviceProperties};
 pub use enums::*;
 pub use error::{Error, Result};
-pub use frame::{Frame, FrameDesc, Image, Pixel, Statistics};
+pub use frame::{Frame, FrameDesc, Image, Pixel, StateInfo, Statistics};
 pub use job::{Job, RenderDesc, Tile};
 pub use mesh::{Mesh, Patches, Subdivision};
 pub use scene::{BuildDesc, Scene, SceneFacts};

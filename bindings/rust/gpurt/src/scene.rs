@@ -259,7 +259,8 @@ impl Scene {
         call(|| unsafe { sys::gpurt_scene_commit(self.as_raw(), &desc) })
     }
 
-    /// Counts and facts of the scene; before the first commit what the commit adds is zero.
+    /// Counts and facts of the scene: of the description as it is now, but triangles, patches and bounds as of
+    /// the last commit. Before the first commit what a commit adds is zero.
     pub fn facts(&self) -> Result<SceneFacts> {
         let mut raw = sys::gpurt_scene_facts::default();
         // SAFETY: the handle is valid; the output lives during the call.
@@ -351,7 +352,7 @@ filled_struct! {
             has_glass: bool = raw.has_glass != 0,
             /// A material has holes.
             has_alpha_masks: bool = raw.has_alpha_masks != 0,
-            /// A commit has succeeded.
+            /// A commit is in force, which later changes may not be part of.
             is_committed: bool = raw.is_committed != 0,
             /// What the last commit built.
             accel: Accel = Accel::from_raw(raw.accel)?,

@@ -3,7 +3,7 @@ use std::sync::mpsc;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use gpurt::{Accel, Error, Frame, FrameDesc, Job, Output, Pipeline, RenderDesc, Tile};
+use gpurt::{Accel, Error, Frame, FrameDesc, Job, Output, Pipeline, RenderDesc, StateInfo, Tile};
 
 use crate::room;
 
@@ -142,6 +142,13 @@ fn parts_merge_to_the_same_bits() {
     let (a, b, c, whole) = (part(0, 3), part(3, 4), part(7, 1), part(0, 8));
     let file = crate::temporary_folder("merge").join("c.gpurt");
     c.save(&file).unwrap();
+    let info = StateInfo::read(&file).unwrap();
+    assert_eq!((info.width, info.height, info.first_sample, info.num_samples), (16, 16, 7, 16 * 16));
+    assert_eq!((info.pipeline, info.outputs.contains(&Output::Color)), (Pipeline::Path, true));
+    assert_eq!((info.camera, info.accel), (gpurt::CameraId(0), c.statistics().unwrap().accel));
+    let loaded = Frame::new(&scene, &info.frame_desc()).unwrap();
+    loaded.load_state(&file).unwrap();
+    assert_eq!(color(&loaded), color(&c));
     b.load_state(&file).unwrap();
     a.merge(&b).unwrap();
     assert_eq!(color(&a), color(&whole));
