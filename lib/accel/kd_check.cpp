@@ -38,9 +38,11 @@ uint32_t check_kd_tree(const HostKdTree &tree, uint64_t num_primitives,
   if (!is_finite(tree.bounds.lo) || !is_finite(tree.bounds.hi) || is_empty(tree.bounds)) {
     fail_invalid("the kd-tree's bounds are empty or not finite");
   }
-  for (const uint32_t primitive : tree.references) {
-    if (!contains(tree.bounds, primitive_bounds(primitive))) {
-      fail_invalid("the kd-tree's bounds do not contain triangle {}", primitive);
+  if (primitive_bounds) {
+    for (const uint32_t primitive : tree.references) {
+      if (!contains(tree.bounds, primitive_bounds(primitive))) {
+        fail_invalid("the kd-tree's bounds do not contain triangle {}", primitive);
+      }
     }
   }
 

@@ -16,14 +16,6 @@ double steady_seconds()
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// Of a commit, without the textures: it shares them with the description, which has reserved them.
-uint64_t own_bytes(const CompiledScene &compiled)
-{
-  uint64_t shared = 0;
-  for (const auto &texels : compiled.texture_data) shared += texels->size();
-  return compiled.bytes() - shared;
-}
-
 // What a file brought.
 uint64_t description_bytes(const SceneData &data)
 {
@@ -34,6 +26,14 @@ uint64_t description_bytes(const SceneData &data)
            g.mesh.uvs.size() * sizeof(Vec2f) + g.patches.control_points.size() * sizeof(Vec3f);
   }
   return sum;
+}
+
+// Of a commit, without the textures: it shares them with the description, which has reserved them.
+uint64_t own_bytes(const CompiledScene &compiled)
+{
+  uint64_t shared = 0;
+  for (const auto &texels : compiled.texture_data) shared += texels->size();
+  return compiled.bytes() - shared;
 }
 
 // A lower bound of that, known before anything is allocated: what meshes in use take. Patches and lights come on top.
@@ -67,37 +67,6 @@ void recheck_shared_geometries(const Scene &scene)
   }
 }
 
-// The group of triangles that a tree of the exchange is about (gpurt_kdtree.tree).
-const Group &group_of_tree(const CompiledScene &compiled, uint32_t tree)
-{
-  for (size_t i = 0; i < compiled.groups.size(); ++i) {
-    if (i == 0 ? tree == 0 : tree != 0 && compiled.group_geometry[i] == tree - 1) return compiled.groups[i];
-  }
-  fail_invalid("a tree was imported for tree {}, but geometry {} is not placed more than once", tree,
-               tree - 1);
-}
-
-bool contains(const Box &outer, const Box &inner)
-{
-  for (int axis = 0; axis < 3; ++axis) {
-    if (!(at(outer.lo, axis) <= at(inner.lo, axis) && at(inner.hi, axis) <= at(outer.hi, axis))) return false;
-  }
-  return true;
-}
-
-// How many triangles patches become is known only now.
-void check_imported_tree(const CompiledScene &compiled, uint32_t tree, const HostKdTree &imported)
-{
-  const Group &group = group_of_tree(compiled, tree);
-  if (imported.num_triangles != group.num_triangles) {
-    fail_invalid("the imported tree {} has {} triangles, but the scene has {}; build it again", tree,
-                 imported.num_triangles, group.num_triangles);
-  }
-  if (!is_empty(group.bounds) && !contains(imported.bounds, group.bounds)) {
-    fail_invalid("the bounds of the imported tree {} do not contain its triangles; build it again", tree);
-  }
-}
-
 std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build_desc &desc)
 {
   const double start = steady_seconds();
@@ -113,10 +82,7 @@ std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build
   auto compiled = std::make_shared<CompiledScene>(compile_scene(scene.data, desc.patch_tolerance));
   commit->reservation.resize(own_bytes(*compiled), "the committed scene");
   if (plan.options.accel == Accel::KdTree) {
-    for (const auto &[tree, imported] : scene.imported_trees) {
-      check_imported_tree(*compiled, tree, *imported);
-      plan.options.imported.emplace_back(tree, imported);
-    }
+    plan.options.imported.assign(scene.imported_trees.begin(), scene.imported_trees.end());
   }
   commit->compiled = std::move(compiled);
   commit->committed = device.backend->commit(commit->compiled, plan.options);

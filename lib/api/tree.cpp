@@ -1,6 +1,7 @@
 // gpurt_scene_export_tree and gpurt_scene_import_tree: the exchange of kd-trees.
-#include <cmath>
+#include <cstring>
 
+#include "accel/kd_check.h"
 #include "api/descriptor.h"
 #include "api/guard.h"
 #include "api/objects.h"
@@ -8,88 +9,9 @@
 namespace gpurt::api {
 namespace {
 
-// A node's first child or a leaf's count has 30 bits.
-constexpr uint64_t max_nodes = uint64_t(1) << 30;
+// Not more than check_kd_tree allows, so that the arrays can be copied before it looks at them.
+constexpr uint64_t max_nodes = (uint64_t(1) << 30) - 1;
 constexpr uint64_t max_references = UINT32_MAX;
-
-/// Checks that a walk through a tree stays inside its arrays and within the depth that a traversal has room for.
-class TreeChecker {
- public:
-  explicit TreeChecker(const HostKdTree &tree) : tree_(tree), is_reached_(tree.nodes.size()) {}
-
-  void run()
-  {
-    for (size_t i = 0; i < tree_.references.size(); ++i) {
-      if (tree_.references[i] >= tree_.num_triangles) {
-        fail_invalid("reference {} is {}, but the tree has {} triangles", i, tree_.references[i],
-                     tree_.num_triangles);
-      }
-    }
-    if (tree_.nodes.empty()) {
-      if (tree_.num_triangles != 0)
-        fail_invalid("the tree has {} triangles, but no node", tree_.num_triangles);
-      return;
-    }
-    reach(0, 0, tree_.bounds);
-    while (!todo_.empty()) {
-      const Entry entry = todo_.back();
-      todo_.pop_back();
-      if (is_leaf(tree_.nodes[entry.node])) check_leaf(entry.node);
-      else check_inner(entry);
-    }
-  }
-
- private:
-  struct Entry {
-    uint32_t node;
-    int depth;  // inner nodes above
-    Box cell;
-  };
-
-  void reach(uint64_t node, int depth, const Box &cell)
-  {
-    if (is_reached_[node]) fail_invalid("node {} is reached twice", node);
-    is_reached_[node] = true;
-    todo_.push_back({uint32_t(node), depth, cell});
-  }
-
-  void check_leaf(uint32_t i) const
-  {
-    const KdNode leaf = tree_.nodes[i];
-    const uint64_t end = uint64_t(leaf.word) + payload(leaf);
-    if (end > tree_.references.size()) {
-      fail_invalid("leaf {} has references up to {}, but the tree has {}", i, end, tree_.references.size());
-    }
-  }
-
-  void check_inner(const Entry &entry)
-  {
-    const KdNode node = tree_.nodes[entry.node];
-    const uint64_t child = payload(node);
-    if (child <= entry.node || child + 1 >= tree_.nodes.size()) {
-      fail_invalid("the children of node {} are {} and {}; they must come after it and before {}", entry.node,
-                   child, child + 1, tree_.nodes.size());
-    }
-    if (entry.depth + 1 > kd_max_depth) {
-      fail_invalid("node {} is at depth {}; a tree is at most {} deep", child, entry.depth + 1, kd_max_depth);
-    }
-    const int k = axis(node);
-    const float cut = plane(node);
-    if (!(cut >= at(entry.cell.lo, k) && cut <= at(entry.cell.hi, k))) {
-      fail_invalid("the plane of node {} is {}, outside of its cell [{}, {}] on axis {}", entry.node, cut,
-                   at(entry.cell.lo, k), at(entry.cell.hi, k), k);
-    }
-    Box below = entry.cell, above = entry.cell;
-    set(below.hi, k, cut);
-    set(above.lo, k, cut);
-    reach(child, entry.depth + 1, below);
-    reach(child + 1, entry.depth + 1, above);
-  }
-
-  const HostKdTree &tree_;
-  std::vector<bool> is_reached_;
-  std::vector<Entry> todo_;
-};
 
 std::shared_ptr<const HostKdTree> read_tree(const gpurt_kdtree &d)
 {
@@ -106,14 +28,13 @@ std::shared_ptr<const HostKdTree> read_tree(const gpurt_kdtree &d)
   tree->bounds = {{d.bounds_min[0], d.bounds_min[1], d.bounds_min[2]},
                   {d.bounds_max[0], d.bounds_max[1], d.bounds_max[2]}};
   tree->num_triangles = d.num_triangles;
-  if (d.num_nodes != 0 &&
-      (!is_finite(tree->bounds.lo) || !is_finite(tree->bounds.hi) || is_empty(tree->bounds))) {
-    fail_invalid("bounds_min and bounds_max are not finite, or bounds_min exceeds bounds_max");
-  }
   tree->nodes.resize(d.num_nodes);
   if (d.num_nodes != 0) std::memcpy(tree->nodes.data(), d.nodes, d.num_nodes * sizeof(KdNode));
   if (d.num_references != 0) tree->references.assign(d.references, d.references + d.num_references);
-  TreeChecker(*tree).run();
+  if (d.num_nodes == 0 && d.num_triangles != 0) {
+    fail_invalid("the kd-tree has {} triangles, but no node", d.num_triangles);
+  }
+  check_kd_tree(*tree, d.num_triangles, nullptr);  // a commit checks it against the triangles
   return tree;
 }
 

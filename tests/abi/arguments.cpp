@@ -532,6 +532,9 @@ TEST_F(Arguments, ReadingAndFiles)
   expect_failure(GPURT_ERROR_IO, "/nowhere/x", "load",
                  [&] { return gpurt_frame_load_state(frame, "/nowhere/x.gpurt"); });
   expect_invalid("itself", "merge", [&] { return gpurt_frame_merge(frame, frame); });
+  gpurt_scene out;
+  expect_failure(GPURT_ERROR_IO, "no such file.glb", "load",
+                 [&] { return gpurt_scene_load(device, "no such file.glb", &out); });
 }
 
 TEST(ResultNames, AreThoseOfTheHeader)

@@ -28,7 +28,7 @@ ALLOWED = {
     "image": {"core"},
     "scene": {"core", "image"},
     "planner": {"core", "frame", "scene"},
-    "api": {"core", "frame", "image", "planner", "scene"},
+    "api": {"accel", "core", "frame", "image", "planner", "scene"},
 }
 
 

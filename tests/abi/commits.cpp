@@ -350,18 +350,21 @@ TEST(TreeExchange, RefusesTreesThatCannotBeWalked)
     change(t);
     expect_invalid(part, part, [&] { return gpurt_scene_import_tree(scene, t.get()); });
   };
-  refuse("reference 0 is 1", [](Tree &t) { t.references[0] = 1; });
-  refuse("leaf 1", [](Tree &t) { t.nodes[1] = Tree::leaf(0, 2); });
-  refuse("leaf 2", [](Tree &t) { t.nodes[2] = Tree::leaf(0xffffffffu, 1); });
-  refuse("children of node 0 are 2 and 3", [](Tree &t) { t.nodes[0] = Tree::inner(2, 0, 0.5f); });
-  refuse("children of node 0 are 0 and 1", [](Tree &t) { t.nodes[0] = Tree::inner(0, 0, 0.5f); });
-  refuse("plane of node 0 is 1.5", [](Tree &t) { t.nodes[0] = Tree::inner(1, 0, 1.5f); });
-  refuse("plane of node 0 is nan", [](Tree &t) { t.nodes[0] = Tree::inner(1, 0, std::nanf("")); });
+  refuse("reference 0 of the kd-tree is triangle 1", [](Tree &t) { t.references[0] = 1; });
+  refuse("leaf 1 of the kd-tree", [](Tree &t) { t.nodes[1] = Tree::leaf(0, 2); });
+  refuse("leaf 2 of the kd-tree", [](Tree &t) { t.nodes[2] = Tree::leaf(0xffffffffu, 1); });
+  refuse("node 0 of the kd-tree has its children at 2 and 3",
+         [](Tree &t) { t.nodes[0] = Tree::inner(2, 0, 0.5f); });
+  refuse("node 0 of the kd-tree has its children at 0 and 1",
+         [](Tree &t) { t.nodes[0] = Tree::inner(0, 0, 0.5f); });
+  refuse("splits at 1.5", [](Tree &t) { t.nodes[0] = Tree::inner(1, 0, 1.5f); });
+  refuse("splits at nan", [](Tree &t) { t.nodes[0] = Tree::inner(1, 0, std::nanf("")); });
   refuse("bounds", [](Tree &t) { t.desc.bounds_min[1] = 2; });
   refuse("bounds", [](Tree &t) { t.desc.bounds_max[1] = INFINITY; });
+  refuse("node 3 of the kd-tree is never reached", [](Tree &t) { t.nodes.push_back(Tree::leaf(0, 1)); });
   refuse("no node", [](Tree &t) { t.nodes.clear(); });
   refuse("num_triangles is 2", [](Tree &t) { t.desc.num_triangles = 2; });
-  refuse("node 3 is reached twice", [](Tree &t) {
+  refuse("node 3 of the kd-tree is reached twice", [](Tree &t) {
     t.nodes = {Tree::inner(1, 0, 0.5f), Tree::inner(3, 1, 0.5f), Tree::inner(3, 1, 0.5f), Tree::leaf(0, 1),
                Tree::leaf(0, 1)};
   });
@@ -382,7 +385,7 @@ TEST(TreeExchange, RefusesTreesThatCannotBeWalked)
   GPURT_EXPECT_OK(gpurt_scene_import_tree(scene, small.get()));
   gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
   build.accel = GPURT_ACCEL_KDTREE;
-  expect_invalid("bounds of the imported tree 0", "commit",
+  expect_invalid("bounds do not contain triangle 0", "commit",
                  [&] { return gpurt_scene_commit(scene, &build); });
   EXPECT_EQ(trace_closest(scene, {ray_at_triangle()})[0].primitive, 0u);
 }
@@ -414,7 +417,8 @@ TEST(TreeExchange, RefusesADepthOf49)
       EXPECT_EQ(facts_of(scene).tree_depth, 48u);
       EXPECT_EQ(trace_closest(scene, {ray_at_triangle()})[0].primitive, 0u);
     } else {
-      expect_invalid("depth 49", "import", [&] { return gpurt_scene_import_tree(scene, t.get()); });
+      expect_invalid("children at depth 49", "import",
+                     [&] { return gpurt_scene_import_tree(scene, t.get()); });
     }
   }
 }
