@@ -109,30 +109,6 @@ gpurt_result gpurt_frame_load_state(gpurt_frame frame, const char *path)
   });
 }
 
-gpurt_result gpurt_state_read_info(const char *path, gpurt_state_info *out_info)
-{
-  return guard([&] {
-    require(path, "path");
-    check_output(out_info, "out_info");
-    const FrameState state = read_state_header(path);
-    gpurt_state_info info = GPURT_STATE_INFO_INIT;
-    info.width = state.settings.width;
-    info.height = state.settings.height;
-    info.camera = state.settings.camera;
-    info.outputs = state.settings.outputs;
-    info.frame_index = state.settings.frame_index;
-    info.seed = state.settings.seed;
-    info.first_sample = state.settings.first_sample;
-    info.num_samples = state.totals.counters.num_samples;
-    info.scene_hash = state.scene_hash;
-    info.pipeline = state.totals.pipeline;
-    info.accel = gpurt_accel(state.accel);
-    info.triangle_test = gpurt_triangle_test(state.triangle_test);
-    info.max_depth = state.totals.max_depth;
-    write_output(out_info, info, "out_info");
-  });
-}
-
 gpurt_result gpurt_frame_get_statistics(gpurt_frame frame, gpurt_statistics *out_statistics)
 {
   return guard([&] {
