@@ -74,6 +74,7 @@ void run_on_lanes(LanePool &pool, int ordinal, unsigned num_lanes,
     }
   };
   std::vector<std::thread> threads;
+  threads.reserve(num_lanes);
   try {
     for (unsigned i = 1; i < num_lanes; ++i) threads.emplace_back(run);
   } catch (const std::system_error &) {

@@ -82,6 +82,18 @@ class Lane {
   Event order_{cudaEventDisableTiming};
 };
 
+/// Waits for a stream where a scope is left, whatever happened: declared after the buffers that the stream's work uses.
+class WaitAtEnd {
+ public:
+  explicit WaitAtEnd(cudaStream_t stream) : stream_(stream) {}
+  ~WaitAtEnd() { ignore(cudaStreamSynchronize(stream_)); }
+  WaitAtEnd(const WaitAtEnd &) = delete;
+  WaitAtEnd &operator=(const WaitAtEnd &) = delete;
+
+ private:
+  cudaStream_t stream_;
+};
+
 class LanePool;
 
 /// A lane in use. At the end its work is waited for, whatever happened, and the lane goes back.

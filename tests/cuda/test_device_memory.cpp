@@ -2,6 +2,7 @@
 // be right are refused by name.
 #include <cuda_runtime_api.h>
 
+#include "gpurt_cuda.h"
 #include "scenes.h"
 
 namespace gpurt_test {
@@ -175,6 +176,48 @@ TEST(CudaPointers, OfGpurtBuffersAreZeroAtFirst)
   EXPECT_EQ(cudaMemcpy(host.data(), data, size, cudaMemcpyDeviceToHost), cudaSuccess);
   EXPECT_EQ(host, std::vector<char>(size, 0));
   GPURT_ASSERT_OK(gpurt_buffer_release(buffer));
+}
+
+// On a stream of the caller, after what it queued there and after an event of another stream, without any waiting between.
+TEST(CudaStreams, CarryQueriesInOrder)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Fixture f = make_fixture(1'000'000);
+  const size_t n = f.rays.size();
+  const auto expected = trace_in_host_memory<gpurt_hit>(f, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL);
+  const DeviceBytes rays(n * sizeof(gpurt_ray)), hits(n * sizeof(gpurt_hit));
+  std::vector<gpurt_hit> host(n);
+  cudaStream_t copies, queries;
+  cudaEvent_t copied, traced;
+  ASSERT_EQ(cudaStreamCreateWithFlags(&copies, cudaStreamNonBlocking), cudaSuccess);
+  ASSERT_EQ(cudaStreamCreateWithFlags(&queries, cudaStreamNonBlocking), cudaSuccess);
+  ASSERT_EQ(cudaEventCreate(&copied), cudaSuccess);
+  ASSERT_EQ(cudaEventCreate(&traced), cudaSuccess);
+  ASSERT_EQ(
+      cudaMemcpyAsync(rays.data(), f.rays.data(), n * sizeof(gpurt_ray), cudaMemcpyHostToDevice, copies),
+      cudaSuccess);
+  ASSERT_EQ(cudaEventRecord(copied, copies), cudaSuccess);
+  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+  desc.storage = GPURT_STORAGE_DEVICE;
+  desc.num_rays = n;
+  desc.rays = reinterpret_cast<const gpurt_ray *>(rays.data());
+  desc.hits = hits.data();
+  GPURT_ASSERT_OK(gpurt_cuda_trace(f.scene, &desc, queries, copied, traced));
+  ASSERT_EQ(cudaStreamWaitEvent(copies, traced, 0), cudaSuccess);
+  ASSERT_EQ(cudaMemcpyAsync(host.data(), hits.data(), n * sizeof(gpurt_hit), cudaMemcpyDeviceToHost, copies),
+            cudaSuccess);
+  ASSERT_EQ(cudaStreamSynchronize(copies), cudaSuccess);
+  EXPECT_TRUE(same(host, expected));
+
+  std::vector<uint64_t> offsets(n + 1);
+  desc.query = GPURT_QUERY_ALL;
+  desc.hits = nullptr;
+  desc.offsets = offsets.data();
+  EXPECT_NE(gpurt_cuda_trace(f.scene, &desc, queries, nullptr, nullptr), GPURT_OK);
+  cudaEventDestroy(copied);
+  cudaEventDestroy(traced);
+  cudaStreamDestroy(copies);
+  cudaStreamDestroy(queries);
 }
 
 }  // namespace

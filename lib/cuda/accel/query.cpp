@@ -123,6 +123,7 @@ void trace_each_on_host(const QueryContext &context, const TraceRequest &request
       [&](Lane &lane, const std::atomic<bool> &stop) {
         const DeviceBuffer<Ray> rays(context.memory, chunk_rays, "a chunk of rays");
         const DeviceBuffer<std::byte> hits(context.memory, chunk_rays * result_bytes, "a chunk of hits");
+        const WaitAtEnd wait(lane.stream());
         void *pinned_rays = lane.to_device.reserve(rays.bytes());
         void *pinned_hits = lane.to_host.reserve(hits.bytes());
         for (uint64_t c; !stop && (c = next_chunk++) < num_chunks;) {
@@ -152,6 +153,7 @@ void trace_all(const QueryContext &context, const TraceRequest &request)
   const DeviceBuffer<std::byte> scratch(context.memory, scan_scratch_bytes(chunk_rays + 1),
                                         "a scan's working memory");
   DeviceBuffer<std::byte> hit_buffer;
+  const WaitAtEnd wait(lane->stream());
   uint64_t *host_offsets =
       static_cast<uint64_t *>(lane->to_host.reserve((chunk_rays + 1) * sizeof(uint64_t)));
   const auto write_offsets = [&](uint64_t first, uint64_t count) {

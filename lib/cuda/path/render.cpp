@@ -129,6 +129,7 @@ class PassRenderer {
   {
     const std::unique_ptr<Workspace> work = allocate();
     if (!work) return;
+    const WaitAtEnd wait(lane.stream());
     for (size_t k; !stop && !is_cancelled() && (k = next_group_++) < groups_.size();)
       render_group(groups_[k], *work, lane);
   }
