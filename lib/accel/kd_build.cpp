@@ -104,7 +104,7 @@ class Builder {
  private:
   // Steps cost less than tests because leaves test four triangles at a time, and more than nothing because a step
   // waits for memory. Flat optimum; see bench_trace.
-  static constexpr float default_traversal_cost = 1.5f;
+  static constexpr float default_traversal_cost = 2.0f;
   static constexpr float default_empty_bonus = 0.15f;
 
   // Memory that a thread keeps from task to task.

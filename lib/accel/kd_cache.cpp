@@ -15,7 +15,7 @@ static_assert(std::endian::native == std::endian::little,
 
 constexpr char magic[8] = {'g', 'p', 'u', 'r', 't', 'k', 'd', 1};
 // Counts up whenever the builder makes other trees of the same input.
-constexpr uint64_t builder_version = 1;
+constexpr uint64_t builder_version = 2;
 
 struct FileHeader {
   char magic[8];

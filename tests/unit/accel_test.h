@@ -246,7 +246,7 @@ Hit brute_force(const SceneView &scene, const Ray &ray)
   const Hit miss = {ray.tmax, 0, 0, invalid_id, invalid_id};
   TraceRay r;
   if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return miss;
-  ClosestVisitor<true> visitor{scene, r.tmax, miss};
+  ClosestVisitor<true> visitor{&scene, r.tmax, miss};
   visit_all_triangles<Test, EdgeRule::Inclusive>(scene, r, visitor);
   if (visitor.best.triangle != invalid_id) visitor.best.t = caller_t(r, visitor.best.t);
   return visitor.best;
@@ -261,7 +261,7 @@ inline std::vector<Hit> brute_force_all(const SceneView &scene, const Ray &ray)
     h.t = caller_t(r, h.t);
     hits.push_back(h);
   };
-  AllVisitor<true, decltype(sink)> visitor{scene, r.tmax, sink};
+  AllVisitor<true, decltype(sink)> visitor{&scene, r.tmax, sink};
   visit_all_triangles<TriangleTest::Watertight, EdgeRule::HalfOpen>(scene, r, visitor);
   std::sort(hits.begin(), hits.end(), [&](const Hit &a, const Hit &b) { return hit_precedes(scene, a, b); });
   return hits;

@@ -32,14 +32,19 @@
 
 namespace gpurt {
 
-// What the descent needs of a ray, for one tree.
+// What the descent needs of a ray along one axis.
+struct KdAxis {
+  float origin;
+  float inverse;
+  float widening;
+  uint32_t far_first;  // 1: the ray points down the axis, so that the child above the plane is the near one
+};
+
+// A ray before it enters a tree.
 struct KdRay {
-  float origin[3];
-  float inverse[3];
-  float widening[3];
-  float a, b;         // the interval within the tree's bounds; a > b: the ray misses them
-  float t_widening;   // of distances along the ray
-  uint32_t negative;  // bit k: the direction points down along axis k
+  KdAxis axis[3];
+  float a, b;        // the interval within the tree's bounds; a > b: the ray misses them
+  float t_widening;  // of distances along the ray
 };
 
 // A postponed far child.
@@ -49,15 +54,27 @@ struct KdEntry {
   float near_b;  // where that of the near side ends, and of all that is postponed within it
 };
 
+// Where a ray stands in a tree: a node, the interval within its cell, and what is postponed.
+struct KdCursor {
+  uint32_t index;
+  int num_todo;
+  float a, b;
+  KdEntry todo[kd_max_depth];
+};
+
 GPURT_FUNCTIONS_BEGIN
 
 // Indexing by a run-time axis: memory on the CPU, selects in registers on the GPU.
-GPURT_INLINE float pick(const float (&v)[3], int axis)
+GPURT_INLINE KdAxis axis_of(const KdRay &r, int k)
 {
 #if defined(__CUDA_ARCH__)
-  return axis == 0 ? v[0] : (axis == 1 ? v[1] : v[2]);
+  const KdAxis &x = r.axis[0], &y = r.axis[1], &z = r.axis[2];
+  return {k == 0 ? x.origin : (k == 1 ? y.origin : z.origin),
+          k == 0 ? x.inverse : (k == 1 ? y.inverse : z.inverse),
+          k == 0 ? x.widening : (k == 1 ? y.widening : z.widening),
+          k == 0 ? x.far_first : (k == 1 ? y.far_first : z.far_first)};
 #else
-  return v[axis];
+  return r.axis[k];
 #endif
 }
 
@@ -72,22 +89,45 @@ GPURT_INLINE KdRay make_kd_ray(const TraceRay &ray, const Box &bounds, float t_l
   r.t_widening = error * steepest;
   r.a = ray.tmin - r.t_widening;
   r.b = t_limit + r.t_widening;
-  r.negative = 0;
   for (int k = 0; k < 3; ++k) {
     const float d = at(ray.direction, k);
     const float inverse = min(abs(1.0f / d), limit);
     const bool is_negative = d < 0.0f;
-    r.origin[k] = at(ray.origin, k);
-    r.inverse[k] = is_negative ? -inverse : inverse;
-    r.widening[k] = error * inverse;
-    r.negative |= is_negative ? 1u << k : 0u;
-    const float enter = at(is_negative ? above : below, k) * r.inverse[k] - r.widening[k];
-    const float leave = at(is_negative ? below : above, k) * r.inverse[k] + r.widening[k];
+    KdAxis &x = r.axis[k];
+    x.origin = at(ray.origin, k);
+    x.inverse = is_negative ? -inverse : inverse;
+    x.widening = error * inverse;
+    x.far_first = is_negative ? 1u : 0u;
+    const float enter = at(is_negative ? above : below, k) * x.inverse - x.widening;
+    const float leave = at(is_negative ? below : above, k) * x.inverse + x.widening;
     // NaN, from overflow, leaves the interval as it is.
     if (enter > r.a) r.a = enter;
     if (leave < r.b) r.b = leave;
   }
   return r;
+}
+
+GPURT_INLINE void kd_begin(const KdRay &r, KdCursor &at)
+{
+  at.index = 0;
+  at.num_todo = 0;
+  at.a = r.a;
+  at.b = r.b;
+}
+
+// Resumes with the nearest postponed subtree that does not begin beyond the limit; false if there is none. Its interval
+// ends where that of the near side of the entry below it on the stack ends.
+GPURT_INLINE bool kd_resume(const KdRay &r, float t_limit, KdCursor &at)
+{
+  const float end = t_limit + r.t_widening;
+  do {
+    if (at.num_todo == 0) return false;
+    const KdEntry e = at.todo[--at.num_todo];
+    at.index = e.index;
+    at.a = e.a;
+  } while (at.a > end);
+  at.b = min(at.num_todo != 0 ? at.todo[at.num_todo - 1].near_b : r.b, end);
+  return true;
 }
 
 // Calls leaf(first, count) for the leaves that the ray may meet, nearest first, until it returns true.
@@ -101,44 +141,32 @@ GPURT_HD inline void traverse_kd(const KdTreeView &tree, const TraceRay &ray, fl
   if (tree.num_nodes == 0) return;
   const KdRay r = make_kd_ray(ray, tree.bounds, t_limit);
   if (!(r.a <= r.b)) return;
-  KdEntry todo[kd_max_depth];
-  int num_todo = 0;
-  float a = r.a, b = r.b;
-  uint32_t index = 0;
-  for (;;) {
+  KdCursor at;
+  kd_begin(r, at);
+  do {
     // Descend to the leaf at the near end of the interval; postpone far children.
-    KdNode node = tree.nodes[index];
+    KdNode node = tree.nodes[at.index];
     while (!is_leaf(node)) {
-      const int k = axis(node);
-      const float s = (plane(node) - pick(r.origin, k)) * pick(r.inverse, k);
-      const float w = pick(r.widening, k);
-      const uint32_t far_first = (r.negative >> k) & 1u;
-      const uint32_t near = payload(node) + far_first;
-      const uint32_t far = payload(node) + 1u - far_first;
-      if (s - w > b) {
-        index = near;
-      } else if (s + w < a) {
-        index = far;
+      const KdAxis x = axis_of(r, axis(node));
+      const float s = (plane(node) - x.origin) * x.inverse;
+      const float begin = s - x.widening, end = s + x.widening;
+      const uint32_t near = payload(node) + x.far_first;
+      const uint32_t far = payload(node) + (x.far_first ^ 1u);
+      if (begin > at.b) {
+        at.index = near;
+      } else if (end < at.a) {
+        at.index = far;
       } else {
         // Both ends only narrow the interval: a plane almost parallel to the ray, whose widening is large, must not
         // undo what the planes above it have cut off. A NaN leaves them as they are.
-        b = min(b, s + w);
-        todo[num_todo++] = {far, max(a, s - w), b};
-        index = near;
+        at.b = min(at.b, end);
+        at.todo[at.num_todo++] = {far, max(at.a, begin), at.b};
+        at.index = near;
       }
-      node = tree.nodes[index];
+      node = tree.nodes[at.index];
     }
     if (payload(node) != 0 && leaf(node.word, payload(node))) return;
-    // Resume with the nearest postponed subtree that is not beyond the limit. Its interval ends where the one below it
-    // on the stack begins.
-    do {
-      if (num_todo == 0) return;
-      const KdEntry e = todo[--num_todo];
-      index = e.index;
-      a = e.a;
-    } while (a > t_limit + r.t_widening);
-    b = min(num_todo != 0 ? todo[num_todo - 1].near_b : r.b, t_limit + r.t_widening);
-  }
+  } while (kd_resume(r, t_limit, at));
 }
 
 GPURT_FUNCTIONS_END

@@ -41,15 +41,15 @@ GPURT_INLINE bool enter_placement(PlacementMailbox &mailbox, uint32_t placement)
 // Keeps the nearest hit; of several at the same t that with the smaller (instance, primitive).
 template <bool Masks>
 struct ClosestVisitor {
-  const SceneView &scene;
+  const SceneView *scene;
   float limit;  // largest t of interest
   Hit best;
 
   GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
   {
     const Hit hit = {h.t, h.u, h.v, triangle, placement};
-    if (best.triangle != invalid_id && h.t == best.t && !ids_precede(scene, hit, best)) return false;
-    if (Masks && is_hole(scene, triangle, h.u, h.v)) return false;
+    if (best.triangle != invalid_id && h.t == best.t && !ids_precede(*scene, hit, best)) return false;
+    if (Masks && is_hole(*scene, triangle, h.u, h.v)) return false;
     best = hit;
     limit = h.t;
     return false;
@@ -58,13 +58,13 @@ struct ClosestVisitor {
 
 template <bool Masks>
 struct AnyVisitor {
-  const SceneView &scene;
+  const SceneView *scene;
   float limit;
   bool found;
 
   GPURT_HD bool operator()(uint32_t triangle, uint32_t, const TriangleHit &h)
   {
-    if (Masks && is_hole(scene, triangle, h.u, h.v)) return false;
+    if (Masks && is_hole(*scene, triangle, h.u, h.v)) return false;
     return found = true;
   }
 };
@@ -72,13 +72,13 @@ struct AnyVisitor {
 // Hands every hit to `sink`, in no order; a triangle that lies in several leaves comes several times, with equal bits.
 template <bool Masks, class Sink>
 struct AllVisitor {
-  const SceneView &scene;
+  const SceneView *scene;
   float limit;
   Sink &sink;
 
   GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
   {
-    if (Masks && is_hole(scene, triangle, h.u, h.v)) return false;
+    if (Masks && is_hole(*scene, triangle, h.u, h.v)) return false;
     sink(Hit{h.t, h.u, h.v, triangle, placement});
     return false;
   }
@@ -88,7 +88,7 @@ struct AllVisitor {
 // lists all hits, in order, each once and without memory for them.
 template <bool Masks>
 struct NextVisitor {
-  const SceneView &scene;
+  const SceneView *scene;
   float limit;
   Hit last;  // triangle invalid_id: before all hits
   Hit best;
@@ -96,9 +96,9 @@ struct NextVisitor {
   GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
   {
     const Hit hit = {h.t, h.u, h.v, triangle, placement};
-    if (last.triangle != invalid_id && !hit_precedes(scene, last, hit)) return false;
-    if (best.triangle != invalid_id && !hit_precedes(scene, hit, best)) return false;
-    if (Masks && is_hole(scene, triangle, h.u, h.v)) return false;
+    if (last.triangle != invalid_id && !hit_precedes(*scene, last, hit)) return false;
+    if (best.triangle != invalid_id && !hit_precedes(*scene, hit, best)) return false;
+    if (Masks && is_hole(*scene, triangle, h.u, h.v)) return false;
     best = hit;
     limit = h.t;
     return false;
@@ -130,32 +130,36 @@ GPURT_HD inline bool trace_group(const Accel &accel, uint32_t group, const Trace
   return is_done;
 }
 
+// Traverses the groups of placements, nearest cells first.
+template <TriangleTest Test, EdgeRule Rule, class Accel, class Visitor>
+GPURT_HD inline void trace_placements(const Accel &accel, const SceneView &scene, const TraceRay &ray,
+                                      Visitor &visitor)
+{
+  PlacementMailbox mailbox = {{invalid_id, invalid_id, invalid_id, invalid_id}, 0};
+  traverse_kd(accel.placements, ray, visitor.limit, [&](uint32_t first, uint32_t count) {
+    for (uint32_t i = 0; i < count; ++i) {
+      const uint32_t id = accel.placements.references[first + i];
+      if (!enter_placement(mailbox, id)) continue;
+      const Placement &p = scene.placements[id];
+      // The direction is not normalised, so that t keeps its unit.
+      TraceRay object_ray;
+      if (!prepare_ray(transform_point(p.world_to_object, ray.origin),
+                       transform_vector(p.world_to_object, ray.direction), ray.tmin, ray.tmax, object_ray)) {
+        continue;
+      }
+      if (trace_group<Test, Rule>(accel, p.group, object_ray, object_ray.exponent, id, visitor)) return true;
+    }
+    return false;
+  });
+}
+
 // Shows the visitor every hit that may interest it.
 template <TriangleTest Test, EdgeRule Rule, bool Placements, class Accel, class Visitor>
 GPURT_HD inline void trace_ray(const Accel &accel, const SceneView &scene, const TraceRay &ray,
                                Visitor &visitor)
 {
   if (trace_group<Test, Rule>(accel, 0, ray, 0, invalid_id, visitor)) return;
-  if constexpr (Placements) {
-    PlacementMailbox mailbox = {{invalid_id, invalid_id, invalid_id, invalid_id}, 0};
-    traverse_kd(accel.placements, ray, visitor.limit, [&](uint32_t first, uint32_t count) {
-      for (uint32_t i = 0; i < count; ++i) {
-        const uint32_t id = accel.placements.references[first + i];
-        if (!enter_placement(mailbox, id)) continue;
-        const Placement &p = scene.placements[id];
-        // The direction is not normalised, so that t keeps its unit.
-        TraceRay object_ray;
-        if (!prepare_ray(transform_point(p.world_to_object, ray.origin),
-                         transform_vector(p.world_to_object, ray.direction), ray.tmin, ray.tmax,
-                         object_ray)) {
-          continue;
-        }
-        if (trace_group<Test, Rule>(accel, p.group, object_ray, object_ray.exponent, id, visitor))
-          return true;
-      }
-      return false;
-    });
-  }
+  if constexpr (Placements) trace_placements<Test, Rule>(accel, scene, ray, visitor);
 }
 
 template <TriangleTest Test, bool Masks, bool Placements, class Accel>
@@ -164,7 +168,7 @@ GPURT_HD inline Hit trace_closest(const Accel &accel, const SceneView &scene, co
   const Hit miss = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
   TraceRay r;
   if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return miss;
-  ClosestVisitor<Masks> visitor{scene, r.tmax, miss};
+  ClosestVisitor<Masks> visitor{&scene, r.tmax, miss};
   trace_ray<Test, EdgeRule::Inclusive, Placements>(accel, scene, r, visitor);
   if (visitor.best.triangle != invalid_id) visitor.best.t = caller_t(r, visitor.best.t);
   return visitor.best;
@@ -175,7 +179,7 @@ GPURT_HD inline bool trace_any(const Accel &accel, const SceneView &scene, const
 {
   TraceRay r;
   if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return false;
-  AnyVisitor<Masks> visitor{scene, r.tmax, false};
+  AnyVisitor<Masks> visitor{&scene, r.tmax, false};
   trace_ray<Test, EdgeRule::Inclusive, Placements>(accel, scene, r, visitor);
   return visitor.found;
 }
@@ -190,7 +194,7 @@ GPURT_HD inline void trace_all(const Accel &accel, const SceneView &scene, const
     hit.t = caller_t(r, hit.t);
     sink(hit);
   };
-  AllVisitor<Masks, decltype(rescaled)> visitor{scene, r.tmax, rescaled};
+  AllVisitor<Masks, decltype(rescaled)> visitor{&scene, r.tmax, rescaled};
   trace_ray<Test, EdgeRule::HalfOpen, Placements>(accel, scene, r, visitor);
 }
 
@@ -203,7 +207,7 @@ GPURT_HD inline void trace_all_in_order(const Accel &accel, const SceneView &sce
   TraceRay r;
   if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return;
   const Hit none = {r.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
-  NextVisitor<Masks> visitor{scene, r.tmax, none, none};
+  NextVisitor<Masks> visitor{&scene, r.tmax, none, none};
   for (;;) {
     trace_ray<Test, EdgeRule::HalfOpen, Placements>(accel, scene, r, visitor);
     if (visitor.best.triangle == invalid_id) return;

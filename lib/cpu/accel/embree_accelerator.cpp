@@ -46,6 +46,7 @@ struct EmbreeView {
 
 Hit hit_from(const EmbreeView &v, const RTCHit &hit, float t)
 {
+  if (hit.geomID == RTC_INVALID_GEOMETRY_ID) return {t, 0.0f, 0.0f, invalid_id, invalid_id};
   if (hit.instID[0] == RTC_INVALID_GEOMETRY_ID) {
     return {t, hit.u, hit.v, v.world_runs[hit.geomID] + hit.primID, invalid_id};
   }
@@ -68,34 +69,60 @@ float move_origin(const EmbreeView &v, TraceRay &ray)
   return t;
 }
 
-void set_ray(const TraceRay &r, RTCRay &ray)
+// Adding +0 turns -0 into +0 (prepare_ray).
+void set_ray(Vec3f origin, Vec3f direction, float tmin, float tmax, RTCRay &ray)
 {
-  ray.org_x = r.origin.x;
-  ray.org_y = r.origin.y;
-  ray.org_z = r.origin.z;
-  ray.tnear = r.tmin;
-  ray.dir_x = r.direction.x;
-  ray.dir_y = r.direction.y;
-  ray.dir_z = r.direction.z;
+  ray.org_x = origin.x + 0.0f;
+  ray.org_y = origin.y + 0.0f;
+  ray.org_z = origin.z + 0.0f;
+  ray.tnear = tmin;
+  ray.dir_x = direction.x + 0.0f;
+  ray.dir_y = direction.y + 0.0f;
+  ray.dir_z = direction.z + 0.0f;
   ray.time = 0.0f;
-  ray.tfar = r.tmax;
+  ray.tfar = tmax;
   ray.mask = 0xffffffffu;
   ray.id = 0;
   ray.flags = 0;
+}
+
+// Nearly every ray: finite, of a direction that needs no scaling, ahead of its origin. A sum is not finite, or NaN, if a
+// term is.
+bool is_plain(const Ray &r)
+{
+  const float direction = abs(r.direction.x) + abs(r.direction.y) + abs(r.direction.z);
+  const float origin = abs(r.origin.x) + abs(r.origin.y) + abs(r.origin.z);
+  return direction >= 0x1p-40f && direction <= 0x1p40f && origin < infinity && r.tmin >= 0.0f &&
+         r.tmin <= r.tmax;
+}
+
+// Another ray as Embree can take it, and how far its origin was moved; false: it misses everything.
+bool prepare_for_embree(const EmbreeView &v, const Ray &ray, TraceRay &r, float &moved)
+{
+  if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return false;
+  moved = move_origin(v, r);
+  return true;
 }
 
 void closest(const CpuAccel &accel, const Ray *rays, Hit *hits, uint32_t n)
 {
   const EmbreeView &v = *static_cast<const EmbreeView *>(accel.impl);
   for (uint32_t i = 0; i < n; ++i) {
-    hits[i] = {rays[i].tmax, 0.0f, 0.0f, invalid_id, invalid_id};
-    TraceRay r;
-    if (!prepare_ray(rays[i].origin, rays[i].direction, rays[i].tmin, rays[i].tmax, r)) continue;
-    const float moved = move_origin(v, r);
+    const Ray &ray = rays[i];
     RTCRayHit query;
-    set_ray(r, query.ray);
     query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+    if (is_plain(ray)) {
+      set_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, query.ray);
+      embree::intersect(v.scene, query);
+      hits[i] = hit_from(v, query.hit, query.ray.tfar);
+      continue;
+    }
+    hits[i] = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
+    TraceRay r;
+    float moved;
+    if (!prepare_for_embree(v, ray, r, moved)) continue;
+    set_ray(r.origin, r.direction, r.tmin, r.tmax, query.ray);
     embree::intersect(v.scene, query);
     if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) continue;
     hits[i] = hit_from(v, query.hit, caller_t(r, query.ray.tfar + moved));
@@ -106,14 +133,19 @@ void occluded(const CpuAccel &accel, const Ray *rays, uint8_t *occluded, uint32_
 {
   const EmbreeView &v = *static_cast<const EmbreeView *>(accel.impl);
   for (uint32_t i = 0; i < n; ++i) {
-    occluded[i] = 0;
-    TraceRay r;
-    if (!prepare_ray(rays[i].origin, rays[i].direction, rays[i].tmin, rays[i].tmax, r)) continue;
-    move_origin(v, r);
-    RTCRay ray;
-    set_ray(r, ray);
-    embree::occluded(v.scene, ray);
-    occluded[i] = ray.tfar < 0.0f;
+    const Ray &ray = rays[i];
+    RTCRay query;
+    if (is_plain(ray)) {
+      set_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, query);
+    } else {
+      TraceRay r;
+      float moved;
+      occluded[i] = 0;
+      if (!prepare_for_embree(v, ray, r, moved)) continue;
+      set_ray(r.origin, r.direction, r.tmin, r.tmax, query);
+    }
+    embree::occluded(v.scene, query);
+    occluded[i] = query.tfar < 0.0f;
   }
 }
 
@@ -188,15 +220,14 @@ class EmbreeAccelerator final : public Accelerator {
   void all(const Ray &ray, void *user, void (*sink)(void *, const Hit &)) const override
   {
     TraceRay r;
-    if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return;
     AllQuery query;
+    if (!prepare_for_embree(embree_view_, ray, r, query.moved)) return;
     query.view = &embree_view_;
     query.ray = &r;
     query.user = user;
     query.sink = sink;
-    query.moved = move_origin(embree_view_, r);
     RTCRayHit ray_hit;
-    set_ray(r, ray_hit.ray);
+    set_ray(r.origin, r.direction, r.tmin, r.tmax, ray_hit.ray);
     ray_hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     ray_hit.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
     embree::intersect(embree_view_.scene, ray_hit, query, filter_all);
