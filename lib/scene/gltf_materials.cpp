@@ -70,7 +70,11 @@ const GltfLoadedMaterial &GltfMaterials::load(int index)
 {
   const auto known = materials_.find(index);
   if (known != materials_.end()) return known->second;
-  if (index < 0) return materials_[index] = convert(tinygltf::Material(), "glTF's default material");
+  if (index < 0) {
+    tinygltf::Material standard;
+    standard.emissiveFactor = {0, 0, 0};
+    return materials_[index] = convert(standard, "glTF's default material");
+  }
   const tinygltf::Material &material = document_.model().materials[size_t(index)];
   return materials_[index] = convert(material, gltf_label("material", size_t(index), material.name));
 }

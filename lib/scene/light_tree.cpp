@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <limits>
 #include <span>
 
@@ -144,29 +145,69 @@ struct Binning {
   int bin(float x) const { return std::min(int((x - lo) * scale), num_bins - 1); }
 };
 
+// The lights of a bin, bounded well enough to weigh a split: the cone is around the mean normal, which takes no more
+// than a dot product a light. The bounds of nodes are made with care, once the tree is there.
+struct Bin {
+  LightBounds bounds;
+  Vec3d axis_sum{0, 0, 0};
+  double min_cos = 1;
+  bool has_all_directions = false;
+  size_t count = 0;
+};
+
+// An item's axis, on the side of `reference` if it shines to both.
+Vec3d facing(const Item &item, Vec3d reference)
+{
+  const Vec3d axis = item.bounds.normals.axis;
+  return item.bounds.two_sided && dot(axis, reference) < 0 ? axis * -1 : axis;
+}
+
+void fill_bins(std::span<const Item> items, const Binning &binning, int axis, Bin (&bins)[num_bins])
+{
+  for (const Item &item : items) {
+    Bin &bin = bins[binning.bin(at(item.center, axis))];
+    bin.count++;
+    if (item.bounds.power <= 0) continue;
+    LightBounds &b = bin.bounds;
+    b.box = extend(b.box, item.bounds.box);
+    b.cos_emit = std::min(b.cos_emit, item.bounds.cos_emit);
+    b.power += item.bounds.power;
+    b.two_sided = b.two_sided || item.bounds.two_sided;
+    if (item.bounds.normals.cos_angle < 1) bin.has_all_directions = true;
+    else bin.axis_sum = bin.axis_sum + facing(item, bin.axis_sum);
+  }
+  for (Bin &bin : bins) {
+    bin.bounds.normals.cos_angle = bin.has_all_directions || is_zero(bin.axis_sum) ? -1 : 1;
+    if (!is_zero(bin.axis_sum)) bin.bounds.normals.axis = normalize(bin.axis_sum);
+  }
+  for (const Item &item : items) {
+    Bin &bin = bins[binning.bin(at(item.center, axis))];
+    if (item.bounds.power <= 0) continue;
+    const Vec3d mean = bin.bounds.normals.axis;
+    bin.min_cos = std::min(bin.min_cos, dot(facing(item, mean), mean));
+  }
+  for (Bin &bin : bins) bin.bounds.normals.cos_angle = std::min(bin.bounds.normals.cos_angle, bin.min_cos);
+}
+
 // Surface area orientation heuristic over bins of one axis.
 // Source: Conty Estevez and Kulla 2018, Section 4.4, Eq. 2.
 Split best_split(std::span<const Item> items, const Box &centers, int axis)
 {
   const double extent = double(at(centers.hi, axis)) - at(centers.lo, axis);
-  if (!(extent > 0)) return {};
-  const Binning binning(centers, axis);
-  LightBounds bins[num_bins];
-  size_t counts[num_bins] = {};
-  for (const Item &item : items) {
-    const int bin = binning.bin(at(item.center, axis));
-    bins[bin] = join(bins[bin], item.bounds);
-    counts[bin]++;
-  }
+  if (!(extent > 0) || !std::isfinite(num_bins / extent)) return {};
+  Bin bins[num_bins];
+  fill_bins(items, Binning(centers, axis), axis, bins);
   double cost_above[num_bins] = {};  // of bins > i
   size_t count_above[num_bins] = {};
   LightBounds above;
   size_t count = 0;
   for (int i = num_bins - 2; i >= 0; --i) {
-    above = join(above, bins[i + 1]);
-    count += counts[i + 1];
-    cost_above[i] = cost(above);
+    count += bins[i + 1].count;
     count_above[i] = count;
+    cost_above[i] = cost_above[i + 1];
+    if (bins[i + 1].bounds.power <= 0) continue;
+    above = join(above, bins[i + 1].bounds);
+    cost_above[i] = cost(above);
   }
   // Long boxes are rather cut across.
   const Vec3d d = to_double(centers.hi) - to_double(centers.lo);
@@ -174,7 +215,8 @@ Split best_split(std::span<const Item> items, const Box &centers, int axis)
   Split best;
   LightBounds below;
   for (int i = 0; i < num_bins - 1; ++i) {
-    below = join(below, bins[i]);
+    if (bins[i].count == 0) continue;  // the same split as before
+    below = join(below, bins[i].bounds);
     if (count_above[i] == 0 || count_above[i] == items.size()) continue;
     const double c = regularization * (cost(below) + cost_above[i]);
     if (best.axis < 0 || c < best.cost) best = {axis, i, c};
