@@ -255,9 +255,10 @@ void Job::render()
   }
   uint64_t fewest = ~uint64_t(0);
   for (const Region &r : regions_) fewest = std::min(fewest, r.num_samples);
-  frame_->set_outcome(desc_.tile_size,
-                      fmt::format("path is the only pipeline of this version; stopped at {} samples per pixel: {}",
-                                  fewest, reason));
+  frame_->set_outcome(
+      desc_.tile_size,
+      fmt::format("path is the only pipeline of this version; stopped at {} samples per pixel: {}", fewest,
+                  reason));
   share_ = 1;
   // A job that found nothing to do has done all of it too.
   const double done = std::max(1.0, double(done_));
