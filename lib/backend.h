@@ -50,6 +50,14 @@ struct AccelFacts {
   double sah_cost = 0;
 };
 
+/// SceneView::t_error of an accelerator. A t of single precision is off by some ten roundings of the distances from the
+/// point to the triangle's corners: of the corners' differences, the normal, two dot products and the quotient.
+inline float t_error(const AccelFacts &facts)
+{
+  const bool is_single = facts.accel == Accel::Embree || facts.triangle_test == TriangleTest::MollerTrumbore;
+  return is_single ? error_gamma(20) : 0.0f;
+}
+
 enum class QueryKind : uint32_t { Closest = 0, Any = 1, All = 2 };
 
 /// gpurt_trace_desc after validation.

@@ -40,7 +40,9 @@ CpuScene::CpuScene(std::shared_ptr<const CompiledScene> scene, std::unique_ptr<A
       accelerator_(std::move(accelerator)),
       arena_(std::move(arena)),
       memory_(std::move(memory))
-{}
+{
+  view_.t_error = t_error(accelerator_->facts());
+}
 
 void CpuScene::render(const RenderPass &pass) const
 {

@@ -33,6 +33,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
     scene_.emplace(*compiled_, device_->memory, lane->stream());
     accel_.emplace(*compiled_, scene_->view(), trees, device_->memory, lane->stream());
     trace_scene_ = {accel_->view(), scene_->view(), triangle_test};
+    trace_scene_.scene.t_error = t_error(facts_);
     facts_.accel_bytes = accel_->bytes();
   }
 

@@ -50,7 +50,7 @@ const Case cases[] = {
     {"bigguy_tess.glb", "bigguy", 32},
     {"bigguy_patches.glb", "bigguy", 32, true},
     {"bigguy_tess.glb", "bigguy_direct", 32},
-    {"eye_split_tess.glb", "eye_split", 32, true},
+    {"eye_split_tess.glb", "eye_split", 32},
     {"eye_split_patches.glb", "eye_split", 32},
     {"eye_split_tunnel_tess.glb", "eye_split_tunnel", 32},
     {"eye_split_tunnel_patches.glb", "eye_split_tunnel", 32},

@@ -5,6 +5,24 @@ namespace {
 
 using namespace gpurt_test;
 
+// About 100 x 100 in 25 x 25 cells, rising by `slope` from 0 at x = 0, which is an edge.
+Mesh sloping_floor(float slope)
+{
+  Mesh mesh;
+  for (int y = 0; y <= 25; ++y) {
+    for (int x = 0; x <= 25; ++x)
+      mesh.vertices.push_back({4.0f * x - 48, 4.1f * y - 51, slope * (4.0f * x - 48)});
+  }
+  for (uint32_t y = 0; y < 25; ++y) {
+    for (uint32_t x = 0; x < 25; ++x) {
+      const uint32_t a = 26 * y + x;
+      mesh.triangles.push_back({a, a + 1, a + 27});
+      mesh.triangles.push_back({a, a + 27, a + 26});
+    }
+  }
+  return mesh;
+}
+
 class Transport : public testing::TestWithParam<gpurt_accel> {};
 INSTANTIATE_TEST_SUITE_P(Accels, Transport, testing::Values(GPURT_ACCEL_KDTREE, GPURT_ACCEL_EMBREE),
                          [](const auto &info) {
@@ -52,29 +70,45 @@ TEST_P(Transport, ClosedSphereWithAPointLightSumsTheGeometricSeries)
   }
 }
 
-// A white Lambertian floor under a distant light at 60 degrees: radiance = albedo E cos / pi, without noise.
-TEST_P(Transport, DistantLightOnAFloorIsExact)
+void expect_exact_floor(gpurt_device device, gpurt_accel accel, gpurt_triangle_test test, float slope,
+                        std::array<float, 3> direction)
 {
-  Device device = make_device();
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
-  add_mesh(scene, quad({-50, -50, 0}, {50, -50, 0}, {50, 50, 0}, {-50, 50, 0}),
-           add_material(scene, GPURT_MATERIAL_LAMBERT, {0.25f, 0.5f, 0.75f}));
+  add_mesh(scene, sloping_floor(slope), add_material(scene, GPURT_MATERIAL_LAMBERT, {0.25f, 0.5f, 0.75f}));
   gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
   light.type = GPURT_LIGHT_DISTANT;
-  for (float &c : light.intensity) c = 2;
-  light.direction[0] = std::sqrt(0.75f);
-  light.direction[2] = -0.5f;
+  for (int i = 0; i < 3; ++i) {
+    light.intensity[i] = 2;
+    light.direction[i] = direction[i];
+  }
   uint32_t id;
   GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, &id));
   add_camera(scene, {0, 0, 4}, 0.6f);
-  commit(scene, GetParam());
+  commit(scene, accel, test);
   const RenderOptions o{.spp = 4};
   Frame frame = make_frame(scene, o);
   render(frame, o);
   const std::vector<float> color = read_color(frame, o);
   for (size_t i = 0; i < color.size(); i += 3) {
-    for (int c = 0; c < 3; ++c) ASSERT_NEAR(color[i + c], 0.25 * (c + 1) * 2 * 0.5 / M_PI, 1e-6);
+    for (int c = 0; c < 3; ++c) ASSERT_NEAR(color[i + c], 0.25 * (c + 1) * 2 * -direction[2] / M_PI, 1e-6);
+  }
+}
+
+// A Lambertian floor under a distant light: radiance = albedo E cos / pi, without noise. The floor lies on a coordinate
+// plane, or leaves it by so little that its own height says nothing of how far a computed hit is off it.
+TEST_P(Transport, DistantLightOnAFloorIsExact)
+{
+  const Device device = make_device();
+  for (const gpurt_triangle_test test : {GPURT_TRIANGLE_WATERTIGHT, GPURT_TRIANGLE_MOLLER_TRUMBORE}) {
+    for (const float slope : {0.0f, 1.2e-17f, 1e-9f}) {
+      for (int i = 1; i < 9; ++i) {
+        SCOPED_TRACE(testing::Message()
+                     << "triangle test " << test << ", slope " << slope << ", light " << i);
+        const float z = 0.1f * float(i), r = std::sqrt(1 - z * z), angle = 2.4f * float(i);
+        expect_exact_floor(device, GetParam(), test, slope, {r * std::cos(angle), r * std::sin(angle), -z});
+      }
+    }
   }
 }
 

@@ -77,7 +77,10 @@ struct GltfBuilder {
     if (std::is_same_v<T, uint32_t>) return 5125;
     return 5126;
   }
-  static int num_components(const std::string &type) { return type == "SCALAR" ? 1 : type == "VEC2" ? 2 : type == "VEC3" ? 3 : 4; }
+  static int num_components(const std::string &type)
+  {
+    return type == "SCALAR" ? 1 : type == "VEC2" ? 2 : type == "VEC3" ? 3 : 4;
+  }
   /// An accessor of tightly packed values.
   template <class T>
   int accessor(const std::vector<T> &values, const std::string &type, bool is_normalized = false)
@@ -99,8 +102,11 @@ struct GltfBuilder {
     for (size_t i = 0; i < count; ++i) {
       std::memcpy(bytes.data() + size_t(offset) + i * size_t(stride), &values[i * n], n * sizeof(T));
     }
-    json a = {{"bufferView", view(bytes, stride)}, {"byteOffset", offset}, {"componentType", component_type<T>()},
-              {"count", count},                    {"type", type}};
+    json a = {{"bufferView", view(bytes, stride)},
+              {"byteOffset", offset},
+              {"componentType", component_type<T>()},
+              {"count", count},
+              {"type", type}};
     if (is_normalized) a["normalized"] = true;
     return add("accessors", a);
   }
@@ -190,13 +196,15 @@ inline GltfBuilder square()
   const int normals = b.accessor<float>({0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1}, "VEC3");
   const int uvs = b.accessor<float>({0, 0, 1, 0, 1, 1, 0, 1}, "VEC2");
   const int indices = b.accessor<uint16_t>({0, 1, 2, 0, 2, 3}, "SCALAR");
-  b.node({{"mesh", b.mesh({{"attributes", {{"POSITION", positions}, {"NORMAL", normals}, {"TEXCOORD_0", uvs}}},
-                           {"indices", indices}})}});
+  b.node(
+      {{"mesh", b.mesh({{"attributes", {{"POSITION", positions}, {"NORMAL", normals}, {"TEXCOORD_0", uvs}}},
+                        {"indices", indices}})}});
   return b;
 }
 
 /// A small PNG file: 8-bit RGBA, stored without compression.
-std::vector<uint8_t> make_png(uint32_t width, uint32_t height, const std::vector<uint8_t> &rgba, int bits = 8);
+std::vector<uint8_t> make_png(uint32_t width, uint32_t height, const std::vector<uint8_t> &rgba,
+                              int bits = 8);
 
 inline uint32_t crc32_of(const uint8_t *data, size_t size)
 {
@@ -208,7 +216,8 @@ inline uint32_t crc32_of(const uint8_t *data, size_t size)
   return ~crc;
 }
 
-inline std::vector<uint8_t> make_png(uint32_t width, uint32_t height, const std::vector<uint8_t> &rgba, int bits)
+inline std::vector<uint8_t> make_png(uint32_t width, uint32_t height, const std::vector<uint8_t> &rgba,
+                                     int bits)
 {
   const auto put = [](std::vector<uint8_t> &out, uint32_t x) {
     for (int i = 3; i >= 0; --i) out.push_back(uint8_t(x >> (8 * i)));
@@ -230,7 +239,8 @@ inline std::vector<uint8_t> make_png(uint32_t width, uint32_t height, const std:
   std::vector<uint8_t> raw;
   for (uint32_t y = 0; y < height; ++y) {
     raw.push_back(0);
-    raw.insert(raw.end(), rgba.begin() + std::ptrdiff_t(y * row), rgba.begin() + std::ptrdiff_t((y + 1) * row));
+    raw.insert(raw.end(), rgba.begin() + std::ptrdiff_t(y * row),
+               rgba.begin() + std::ptrdiff_t((y + 1) * row));
   }
   std::vector<uint8_t> zlib = {0x78, 0x01, 0x01};  // one stored block
   zlib.push_back(uint8_t(raw.size()));

@@ -82,7 +82,8 @@ TEST(GltfMaterials, TheDefaultIsARoughMetal)
 
 TEST(GltfMaterials, MasksAndBlending)
 {
-  LoadedMaterial m = load_material({{"pbrMetallicRoughness", pbr(1, 1, {1, 1, 1, 0.3})}, {"alphaMode", "MASK"}});
+  LoadedMaterial m =
+      load_material({{"pbrMetallicRoughness", pbr(1, 1, {1, 1, 1, 0.3})}, {"alphaMode", "MASK"}});
   EXPECT_EQ(m.material.alpha_cutoff, 0.5f);
   EXPECT_EQ(m.material.alpha, 0.3f);
   m = load_material({{"pbrMetallicRoughness", pbr(1, 1)}, {"alphaMode", "MASK"}, {"alphaCutoff", 0.25}});
@@ -97,21 +98,26 @@ TEST(GltfMaterials, MasksAndBlending)
 // What has no counterpart goes to the nearest of the four, and one line names the material and all it lost.
 TEST(GltfMaterials, ApproximationsAreNamed)
 {
-  LoadedMaterial m = load_material({{"name", "paint"},
-                                    {"pbrMetallicRoughness", pbr(0.3, 0.4)},
-                                    {"extensions", {{"KHR_materials_clearcoat", {{"clearcoatFactor", 1}}}, {"KHR_materials_unlit", json::object()}}}});
+  LoadedMaterial m = load_material(
+      {{"name", "paint"},
+       {"pbrMetallicRoughness", pbr(0.3, 0.4)},
+       {"extensions",
+        {{"KHR_materials_clearcoat", {{"clearcoatFactor", 1}}}, {"KHR_materials_unlit", json::object()}}}});
   EXPECT_EQ(m.material.type, MaterialType::Lambert);
   expect_contains(m.warnings, "material 0 ('paint')");
-  for (const char *word : {"metallic 0.3", "specular layer", "KHR_materials_clearcoat", "KHR_materials_unlit"}) {
+  for (const char *word :
+       {"metallic 0.3", "specular layer", "KHR_materials_clearcoat", "KHR_materials_unlit"}) {
     expect_contains(m.warnings, word);
   }
   EXPECT_EQ(std::count(m.warnings.begin(), m.warnings.end(), '\n'), 1);
   m = load_material({{"pbrMetallicRoughness", pbr(0.7, 0.4)}});
   EXPECT_EQ(m.material.type, MaterialType::Metal);
   expect_contains(m.warnings, "metallic 0.7 (taken as 1)");
-  m = load_material({{"pbrMetallicRoughness", pbr(0, 0.2)}, {"extensions", {{"KHR_materials_transmission", {{"transmissionFactor", 0.9}}}}}});
+  m = load_material({{"pbrMetallicRoughness", pbr(0, 0.2)},
+                     {"extensions", {{"KHR_materials_transmission", {{"transmissionFactor", 0.9}}}}}});
   EXPECT_EQ(m.material.type, MaterialType::Glass);
-  for (const char *word : {"transmission 0.9", "roughness 0.2", "thin walls"}) expect_contains(m.warnings, word);
+  for (const char *word : {"transmission 0.9", "roughness 0.2", "thin walls"})
+    expect_contains(m.warnings, word);
   m = load_material({{"pbrMetallicRoughness", pbr(1, 1e-6)}});
   EXPECT_EQ(m.material.type, MaterialType::Mirror);
   expect_contains(m.warnings, "roughness 1e-06");
@@ -231,7 +237,8 @@ TEST(GltfTextures, DataUrisAndFilesBeside)
   for (size_t i = 0; i < b.bin.size(); i += 3) {
     uint32_t bits = 0;
     for (size_t k = 0; k < 3; ++k) bits = bits << 8 | (i + k < b.bin.size() ? b.bin[i + k] : 0);
-    for (int k = 3; k >= 0; --k) base64 += i + size_t(3 - k) > b.bin.size() ? '=' : code[bits >> (6 * k) & 63];
+    for (int k = 3; k >= 0; --k)
+      base64 += i + size_t(3 - k) > b.bin.size() ? '=' : code[bits >> (6 * k) & 63];
   }
   j["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64;
   text = j.dump();
@@ -239,7 +246,8 @@ TEST(GltfTextures, DataUrisAndFilesBeside)
   const SceneData d = l.file(folder / "scene.gltf");
   EXPECT_EQ(d.geometries[0].mesh.vertices[2].x, 1);
 
-  for (const char *uri : {"../up.bin", "a/../../up.bin", "/etc/passwd", "http://host/x.bin", "", "%2e%2e/up.bin", "..\\up.bin"}) {
+  for (const char *uri : {"../up.bin", "a/../../up.bin", "/etc/passwd", "http://host/x.bin", "",
+                          "%2e%2e/up.bin", "..\\up.bin"}) {
     j["buffers"][0]["uri"] = uri;
     text = j.dump();
     write_file(folder / "scene.gltf", text.data(), text.size());

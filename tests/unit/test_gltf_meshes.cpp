@@ -61,8 +61,10 @@ TEST(GltfMeshes, IndexTypes)
 TEST(GltfMeshes, WithoutIndices)
 {
   GltfBuilder b;
-  b.node({{"mesh", b.mesh({{"attributes",
-                            {{"POSITION", b.accessor<float>({0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 1, 0}, "VEC3")}}}})}});
+  b.node({{"mesh",
+           b.mesh({{"attributes",
+                    {{"POSITION", b.accessor<float>({0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 1, 0},
+                                                    "VEC3")}}}})}});
   const SceneData d = load(b);
   ASSERT_EQ(d.geometries[0].mesh.indices.size(), 2u);
   EXPECT_EQ(d.geometries[0].mesh.indices[1].z, 5u);
@@ -117,14 +119,16 @@ TEST(GltfMeshes, QuantizedNormalsReachBothEnds)
 TEST(GltfMeshes, NormalizedTextureCoordinates)
 {
   GltfBuilder b = square();
-  const int texture = b.add("textures", {{"source", b.add("images", {{"bufferView", b.view(make_png(1, 1, {255, 255, 255, 255}))},
-                                                                     {"mimeType", "image/png"}})}});
+  const int texture = b.add(
+      "textures", {{"source", b.add("images", {{"bufferView", b.view(make_png(1, 1, {255, 255, 255, 255}))},
+                                               {"mimeType", "image/png"}})}});
   b.add("materials", {{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", texture}}}}}});
   json &primitive = b.root["meshes"][0]["primitives"][0];
   primitive["material"] = 0;
   primitive["attributes"]["TEXCOORD_0"] = b.accessor<uint8_t>({0, 0, 255, 0, 255, 255, 0, 255}, "VEC2", true);
   EXPECT_EQ(load(b).geometries[0].mesh.uvs[2].y, 1);
-  primitive["attributes"]["TEXCOORD_0"] = b.accessor<uint16_t>({0, 0, 65535, 0, 65535, 65535, 0, 65535}, "VEC2", true);
+  primitive["attributes"]["TEXCOORD_0"] =
+      b.accessor<uint16_t>({0, 0, 65535, 0, 65535, 65535, 0, 65535}, "VEC2", true);
   EXPECT_EQ(load(b).geometries[0].mesh.uvs[2].y, 1);
 
   // Moved by KHR_texture_transform: scaled, turned, then shifted.
@@ -139,8 +143,11 @@ TEST(GltfMeshes, NormalizedTextureCoordinates)
 TEST(GltfMeshes, TheTextureNamesItsCoordinates)
 {
   GltfBuilder b = square();
-  const int texture = b.add("textures", {{"source", b.add("images", {{"bufferView", b.view(make_png(1, 1, {255, 255, 255, 255}))}})}});
-  b.add("materials", {{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", texture}, {"texCoord", 1}}}}}});
+  const int texture =
+      b.add("textures",
+            {{"source", b.add("images", {{"bufferView", b.view(make_png(1, 1, {255, 255, 255, 255}))}})}});
+  b.add("materials",
+        {{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", texture}, {"texCoord", 1}}}}}});
   json &primitive = b.root["meshes"][0]["primitives"][0];
   primitive["material"] = 0;
   GltfLoad missing;
@@ -188,7 +195,9 @@ TEST(GltfMeshes, SparseIndexTypes)
     const std::vector<float> values = {1, 0, 0, 1, 1, 0, 0, 1, 0};
     b.root["accessors"][size_t(base)]["sparse"] = {
         {"count", 3},
-        {"indices", {{"bufferView", b.view(GltfBuilder::bytes_of(indices))}, {"componentType", GltfBuilder::component_type<T>()}}},
+        {"indices",
+         {{"bufferView", b.view(GltfBuilder::bytes_of(indices))},
+          {"componentType", GltfBuilder::component_type<T>()}}},
         {"values", {{"bufferView", b.view(GltfBuilder::bytes_of(values))}}}};
     b.root["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = base;
     expect_square(load(b));
@@ -205,7 +214,8 @@ TEST(GltfMeshes, StripsAndFansKeepTheWinding)
       // Five points around; as a strip they zigzag.
       const std::vector<float> fan = {0, 0, 0, 2, 0, 0, 2, 1, 0, 1, 2, 0, 0, 1, 0};
       const std::vector<float> strip = {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 2, 0};
-      json primitive = {{"attributes", {{"POSITION", b.accessor<float>(mode == 6 ? fan : strip, "VEC3")}}}, {"mode", mode}};
+      json primitive = {{"attributes", {{"POSITION", b.accessor<float>(mode == 6 ? fan : strip, "VEC3")}}},
+                        {"mode", mode}};
       if (has_indices) primitive["indices"] = b.accessor<uint8_t>({0, 1, 2, 3, 4}, "SCALAR");
       b.node({{"mesh", b.mesh(primitive)}});
       const SceneData d = load(b);
@@ -351,7 +361,8 @@ TEST(GltfNodes, Cameras)
   b.add("cameras", {{"type", "perspective"},
                     {"perspective", {{"yfov", 0.7}, {"znear", 0.1}}},
                     {"extras", {{"width", 640}, {"height", 480}}}});
-  b.add("cameras", {{"type", "orthographic"}, {"orthographic", {{"xmag", 1}, {"ymag", 1}, {"zfar", 10}, {"znear", 0}}}});
+  b.add("cameras",
+        {{"type", "orthographic"}, {"orthographic", {{"xmag", 1}, {"ymag", 1}, {"zfar", 10}, {"znear", 0}}}});
   b.node({{"camera", 0}, {"translation", {1, 2, 3}}, {"scale", {4, 4, 4}}});
   b.node({{"camera", 1}});
   GltfLoad l;
@@ -370,12 +381,16 @@ TEST(GltfNodes, Lights)
   GltfBuilder b = square();
   b.root["extensions"]["KHR_lights_punctual"]["lights"] = {
       {{"type", "point"}, {"color", {1, 0.5, 0}}, {"intensity", 10}, {"range", 3}},
-      {{"type", "spot"}, {"intensity", 5000000000}, {"spot", {{"innerConeAngle", 0.1}, {"outerConeAngle", 0.2}}}},
+      {{"type", "spot"},
+       {"intensity", 5000000000},
+       {"spot", {{"innerConeAngle", 0.1}, {"outerConeAngle", 0.2}}}},
       {{"type", "directional"}}};
   const double s = std::sqrt(0.5);
   for (int i = 0; i < 3; ++i) {
     // A quarter turn about X: -Z becomes +Y... then the light shines up.
-    b.node({{"extensions", {{"KHR_lights_punctual", {{"light", i}}}}}, {"rotation", {s, 0, 0, s}}, {"translation", {1, 2, 3}},
+    b.node({{"extensions", {{"KHR_lights_punctual", {{"light", i}}}}},
+            {"rotation", {s, 0, 0, s}},
+            {"translation", {1, 2, 3}},
             {"scale", {2, 2, 2}}});
   }
   GltfLoad l;

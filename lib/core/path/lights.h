@@ -99,7 +99,8 @@ GPURT_HD inline bool sample_light(const SceneView &scene, Vec3f p, Vec3f n, floa
       const Vec2f uv = sample_triangle(u1);
       const float w = 1.0f - uv.x - uv.y;
       const Vec3f q = a * w + b * uv.x + c * uv.y;
-      const Vec3f error = (abs(a * w) + abs(b * uv.x) + abs(c * uv.y)) * error_gamma(7);
+      const Vec3f error =
+          (abs(a * w) + abs(b * uv.x) + abs(c * uv.y)) * error_gamma(7) + t_error_at(scene, q, a, b, c);
       const Vec3f area_vector = cross(b - a, c - a);
       const float twice_area = length(area_vector);
       const Vec3f normal = area_vector / twice_area;

@@ -8,7 +8,8 @@ namespace gpurt {
 
 struct SurfaceHit {
   Vec3f position;
-  Vec3f position_error;    // bound on each coordinate's rounding error
+  Vec3f
+      position_error;  // bound on each coordinate's rounding error and on SceneView::t_error's part along it
   Vec3f geometric_normal;  // unit; the counter-clockwise side
   Vec3f shading_normal;    // unit; on the geometric normal's side or not, as interpolated
   Vec2f uv;
@@ -49,6 +50,14 @@ GPURT_INLINE Vec3f base_color(const SceneView &scene, const Material &material, 
   return material.base_color * Vec3f{t.r, t.g, t.b};
 }
 
+// The part of a point's error that comes from SceneView::t_error.
+GPURT_INLINE Vec3f t_error_at(const SceneView &scene, Vec3f p, Vec3f a, Vec3f b, Vec3f c)
+{
+  const float extent =
+      max(max_component(abs(a - p)), max(max_component(abs(b - p)), max_component(abs(c - p))));
+  return vec3(scene.t_error * extent);
+}
+
 // The point is recomputed from barycentrics: its error depends on the triangle's coordinates, not on the ray's length.
 // Source: Pharr, Jakob and Humphreys 2023, Section 6.8.
 GPURT_HD inline SurfaceHit surface_at(const SceneView &scene, const Hit &hit)
@@ -59,7 +68,8 @@ GPURT_HD inline SurfaceHit surface_at(const SceneView &scene, const Hit &hit)
   const Vec3f a = scene.positions[corner.x], b = scene.positions[corner.y], c = scene.positions[corner.z];
   const float w = 1.0f - hit.u - hit.v;
   s.position = a * w + b * hit.u + c * hit.v;
-  s.position_error = (abs(a * w) + abs(b * hit.u) + abs(c * hit.v)) * error_gamma(7);
+  s.position_error = (abs(a * w) + abs(b * hit.u) + abs(c * hit.v)) * error_gamma(7) +
+                     t_error_at(scene, s.position, a, b, c);
   Vec3f n = cross(b - a, c - a);
   Vec3f shading = n;
   bool is_flat = true;
