@@ -1,5 +1,7 @@
 #include "cuda/device_scene.h"
 
+#include <map>
+
 namespace gpurt::cuda {
 
 DeviceScene::DeviceScene(const CompiledScene &scene, const std::shared_ptr<DeviceMemory> &memory,
@@ -20,9 +22,14 @@ DeviceScene::DeviceScene(const CompiledScene &scene, const std::shared_ptr<Devic
   view_.light_nodes = keep(scene.light_nodes, "the scene's light tree");
   view_.environment.row_cdf = keep(scene.environment_rows, "the environment's table");
   view_.environment.column_cdf = keep(scene.environment_columns, "the environment's table");
+  // Textures may share texels, as the environment's does with the one that it was made of.
+  std::map<const void *, const void *> on_device;
+  for (const auto &texels : scene.texture_data) {
+    const auto [it, is_new] = on_device.try_emplace(texels->data());
+    if (is_new) it->second = keep(*texels, "the scene's textures");
+  }
   std::vector<Texture> textures = scene.textures;
-  for (size_t i = 0; i < textures.size(); ++i)
-    textures[i].texels = keep(*scene.texture_data[i], "the scene's textures");
+  for (Texture &texture : textures) texture.texels = on_device.at(texture.texels);
   view_.textures = keep(textures, "the scene's textures");
 }
 

@@ -20,8 +20,9 @@ struct CompiledScene {
       group_geometry;  // public id of the shared geometry of a group; invalid_id for group 0
   std::vector<Placement> placements;
   std::vector<Material> materials;
-  std::vector<Texture> textures;  // texels point into texture_data
-  std::vector<std::shared_ptr<const std::vector<std::byte>>> texture_data;
+  std::vector<Texture>
+      textures;  // those of the description, then the environment's; texels are of texture_data
+  std::vector<std::shared_ptr<const std::vector<std::byte>>> texture_data;  // of the description's textures
   std::vector<Light> lights;
   std::vector<LightNode> light_nodes;
   Environment environment{};

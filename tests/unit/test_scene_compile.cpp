@@ -399,6 +399,23 @@ TEST(SceneEnvironment, DensityIsProportionalForAConstantImage)
 }
 
 // One bright texel among black ones: density is positive exactly as far as the interpolation reaches.
+// Backends copy texture_data: what every texture points to must be there, the environment's own texture included.
+TEST(SceneEnvironment, SharesTheTexelsOfItsTexture)
+{
+  SceneData d;
+  add_float_texture(d, 2, 1, std::vector<float>(2 * 4, 0.5f));
+  const uint32_t texture = add_float_texture(d, 4, 2, std::vector<float>(4 * 2 * 4, 1.0f));
+  set_environment(d, {{1, 1, 1}, texture});
+  const CompiledScene s = compile_scene(d, 0);
+  ASSERT_EQ(s.textures.size(), 3u);
+  EXPECT_EQ(s.environment.texture, 2u);
+  EXPECT_EQ(s.textures[2].texels, s.textures[texture].texels);
+  for (const Texture &t : s.textures) {
+    EXPECT_EQ(1, std::count_if(s.texture_data.begin(), s.texture_data.end(),
+                               [&](const auto &texels) { return texels->data() == t.texels; }));
+  }
+}
+
 TEST(SceneEnvironment, DensityIsPositiveWhereRadianceIs)
 {
   for (uint32_t bright : {0u, 7u, 15u, 16u * 7 + 3, 16u * 4 + 9}) {
