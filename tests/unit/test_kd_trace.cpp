@@ -2,6 +2,7 @@
 #include <tbb/parallel_for.h>
 
 #include "accel_test.h"
+#include "core/accel/sort_hits.h"
 #include "cpu/accel/kd_view.h"
 #include "cpu/kernels.h"
 
@@ -357,8 +358,9 @@ TEST(KdTrace, AllHitsSayHowMuchRoomTheyNeed)
   EXPECT_EQ(offsets, counted);
 }
 
-// The traversal that devices without room for a list use gives the same hits in the same order.
-TEST(KdTrace, HitsOneByOneAreTheSortedHits)
+// The leaves and the sort that devices use: lists of crossings become the sorted hits, whatever their t: of directions
+// so short or so long that it overflows or vanishes too.
+TEST(KdTrace, ListsOfCrossingsBecomeTheSortedHits)
 {
   Random rng(20);
   const auto scene = scene_of(soup(rng, 300, 0.7f, 1));
@@ -373,15 +375,52 @@ TEST(KdTrace, HitsOneByOneAreTheSortedHits)
   const KdGroupView group = {
       {tree.nodes.data(), tree.references.data(), tree.bounds, uint32_t(tree.nodes.size())}, leaves.data()};
   const KdAccelView accel = {&group, {}, 1};
-  for (const Ray &ray : mixed_rays(rng, 2000, 1)) {
+  uint64_t num_infinite = 0, num_repeated = 0;
+  for (Ray ray : mixed_rays(rng, 3000, 1)) {
+    const float scales[] = {1, 1, 0x1p-140f, 0x1p-60f, 0x1p60f, 0x1p120f};
+    ray.direction = ray.direction * scales[rng.below(6)];
+    ray.tmax = infinity;
     const std::vector<Hit> expected = brute_force_all(view, ray);
     std::vector<Hit> hits;
-    trace_all_in_order<TriangleTest::Watertight, false, false>(accel, view, ray,
-                                                               [&](const Hit &h) { hits.push_back(h); });
+    trace_all<TriangleTest::Watertight, false, false>(accel, view, ray,
+                                                      [&](const Hit &h) { hits.push_back(h); });
+    num_repeated += hits.size();
+    hits.resize(sort_hits(view, hits.data(), hits.size()));
+    num_repeated -= hits.size();
     ASSERT_EQ(hits.size(), expected.size());
-    for (size_t i = 0; i < hits.size(); ++i) ASSERT_TRUE(same_bits(hits[i], expected[i]));
+    for (size_t i = 0; i < hits.size(); ++i) {
+      ASSERT_TRUE(same_bits(hits[i], expected[i]));
+      num_infinite += hits[i].t == infinity;
+    }
     ASSERT_TRUE(same_bits((trace_closest<TriangleTest::Watertight, false, false>(accel, view, ray)),
                           brute_force(view, ray)));
+  }
+  EXPECT_GT(num_infinite, 100u);
+  EXPECT_GT(num_repeated, 100u);
+}
+
+TEST(KdTrace, ListsOfAnyLengthAreSorted)
+{
+  Random rng(23);
+  const auto scene = scene_of(soup(rng, 400, 0.7f, 1));
+  const SceneView view = scene->view();
+  for (uint32_t n = 0; n < 400; n += n < 70 ? 1 : 37) {
+    std::vector<Hit> hits;
+    for (uint32_t i = 0; i < n; ++i) {
+      // A triangle comes with the same t each time; few values, so that ids decide.
+      const uint32_t triangle = rng.below(n);
+      const float t = triangle % 5 == 0 ? infinity : float(triangle % 7);
+      hits.push_back({t, 0.25f, 0.5f, triangle, invalid_id});
+    }
+    std::vector<Hit> expected = hits;
+    std::sort(expected.begin(), expected.end(),
+              [&](const Hit &a, const Hit &b) { return hit_precedes(view, a, b); });
+    expected.erase(std::unique(expected.begin(), expected.end(),
+                               [](const Hit &a, const Hit &b) { return a.triangle == b.triangle; }),
+                   expected.end());
+    hits.resize(sort_hits(view, hits.data(), hits.size()));
+    ASSERT_EQ(hits.size(), expected.size()) << n;
+    for (size_t i = 0; i < hits.size(); ++i) ASSERT_TRUE(same_bits(hits[i], expected[i])) << n;
   }
 }
 

@@ -84,27 +84,6 @@ struct AllVisitor {
   }
 };
 
-// Keeps the nearest hit that comes after `last` in the order of (t, instance, primitive): called again and again it
-// lists all hits, in order, each once and without memory for them.
-template <bool Masks>
-struct NextVisitor {
-  const SceneView *scene;
-  float limit;
-  Hit last;  // triangle invalid_id: before all hits
-  Hit best;
-
-  GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
-  {
-    const Hit hit = {h.t, h.u, h.v, triangle, placement};
-    if (last.triangle != invalid_id && !hit_precedes(*scene, last, hit)) return false;
-    if (best.triangle != invalid_id && !hit_precedes(*scene, hit, best)) return false;
-    if (Masks && is_hole(*scene, triangle, h.u, h.v)) return false;
-    best = hit;
-    limit = h.t;
-    return false;
-  }
-};
-
 // Traverses one group. `ray` is in the group's space; its t is the visitor's t times 2^exponent.
 // Returns true if the visitor asked to stop.
 template <TriangleTest Test, EdgeRule Rule, class Accel, class Visitor>
@@ -196,29 +175,6 @@ GPURT_HD inline void trace_all(const Accel &accel, const SceneView &scene, const
   };
   AllVisitor<Masks, decltype(rescaled)> visitor{&scene, r.tmax, rescaled};
   trace_ray<Test, EdgeRule::HalfOpen, Placements>(accel, scene, r, visitor);
-}
-
-// Calls sink(hit) for every crossing in the order of (t, instance, primitive), each once. A traversal a hit: for devices
-// where memory for an unknown number of hits is dearer than time.
-template <TriangleTest Test, bool Masks, bool Placements, class Accel, class Sink>
-GPURT_HD inline void trace_all_in_order(const Accel &accel, const SceneView &scene, const Ray &ray,
-                                        Sink &&sink)
-{
-  TraceRay r;
-  if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return;
-  const Hit none = {r.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
-  NextVisitor<Masks> visitor{&scene, r.tmax, none, none};
-  for (;;) {
-    trace_ray<Test, EdgeRule::HalfOpen, Placements>(accel, scene, r, visitor);
-    if (visitor.best.triangle == invalid_id) return;
-    Hit hit = visitor.best;
-    hit.t = caller_t(r, hit.t);
-    sink(hit);
-    visitor.last = visitor.best;
-    visitor.best = none;
-    visitor.limit = r.tmax;
-    r.tmin = visitor.last.t;  // nothing nearer is left
-  }
 }
 
 GPURT_FUNCTIONS_END

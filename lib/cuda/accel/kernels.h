@@ -19,20 +19,22 @@ struct TraceScene {
 /// How a closest hit is written: Hit, FullHit or CompactHit.
 enum class HitLayout : uint32_t { Internal, Full, Compact };
 
-/// Rays a launch may have at most: what a grid's first dimension counts, with room to spare.
-constexpr uint64_t max_rays_per_launch = uint64_t(1) << 30;
-
 // Each starts one kernel on the stream and returns. Rays and hits need the alignment of their members alone.
 void launch_closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays, HitLayout layout, void *hits,
                     cudaStream_t stream);
 void launch_any(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint8_t *occluded,
                 cudaStream_t stream);
-/// The number of hits of every ray.
+/// The number of crossings of every ray; a triangle that lies in several leaves counts several times.
 void launch_count_all(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint64_t *counts,
                       cudaStream_t stream);
-/// The hits of ray i to hits[offsets[i] - first_hit] and on, sorted.
-void launch_fill_all(const TraceScene &scene, const Ray *rays, uint64_t num_rays, const uint64_t *offsets,
-                     uint64_t first_hit, bool compact, void *hits, cudaStream_t stream);
+/// Lists the crossings of ray i from listed[offsets[i] - first_listed] on, sorts them and drops repetitions; counts[i]
+/// are left. `offsets` are the sums of what launch_count_all counted.
+void launch_list_all(const TraceScene &scene, const Ray *rays, uint64_t num_rays, const uint64_t *offsets,
+                     uint64_t first_listed, Hit *listed, uint64_t *counts, cudaStream_t stream);
+/// Writes them from hits[hit_offsets[i] - first_hit] on. `hit_offsets` are the sums of what launch_list_all counted.
+void launch_write_all(const SceneView &scene, uint64_t num_rays, const uint64_t *offsets,
+                      uint64_t first_listed, const Hit *listed, const uint64_t *hit_offsets,
+                      uint64_t first_hit, bool compact, void *hits, cudaStream_t stream);
 
 /// triangles[i] = the triangle references[i] of the group that begins at first_triangle.
 void launch_gather_leaf_triangles(const SceneView &scene, uint32_t first_triangle, const uint32_t *references,

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <optional>
 
 #include "error.h"
 
@@ -13,7 +14,7 @@ namespace {
 constexpr uint64_t host_chunk_rays = uint64_t(1) << 18;
 // Host threads that copy: one cannot read and write host memory as fast as the device answers.
 constexpr unsigned max_host_lanes = 4;
-// Memory for the hits of a chunk of an all-hits query, beyond which the chunk is answered in parts.
+// Crossings that an all-hits query lists at a time, beyond which a chunk is answered in parts.
 constexpr uint64_t all_hits_budget = uint64_t(1) << 21;
 
 constexpr uint64_t min_slice_rays = uint64_t(1) << 10, max_slice_rays = uint64_t(1) << 22;
@@ -111,6 +112,48 @@ void trace_each_on_device(const QueryContext &context, const TraceRequest &reque
   lane->synchronize();
 }
 
+// Rays and results of a part of a host batch, on their way through the device.
+struct HostPart {
+  uint64_t num_rays;  // at most
+  DeviceBuffer<Ray> rays;
+  DeviceBuffer<std::byte> results;
+};
+
+// What the lanes of a host batch share while they take memory.
+class HostParts {
+ public:
+  HostParts(const QueryContext &context, uint64_t result_bytes)
+      : context_(context), result_bytes_(result_bytes)
+  {}
+
+  // A part of `num_rays` rays; for the first lane of as many as memory has room for, for a later one none at all if
+  // that is fewer: it leaves the work to the first.
+  std::optional<HostPart> make(uint64_t num_rays)
+  {
+    const std::lock_guard lock(mutex_);
+    for (;;) {
+      try {
+        HostPart part{num_rays,
+                      {context_.memory, num_rays, "a chunk of rays"},
+                      {context_.memory, num_rays * result_bytes_, "a chunk of hits"}};
+        ++num_parts_;
+        return part;
+      } catch (const Error &e) {
+        if (e.result() != GPURT_ERROR_OUT_OF_MEMORY) throw;
+        if (num_parts_ != 0) return std::nullopt;
+        if (num_rays <= min_slice_rays) throw;
+        num_rays = std::max(num_rays / 2, min_slice_rays);
+      }
+    }
+  }
+
+ private:
+  const QueryContext &context_;
+  const uint64_t result_bytes_;
+  std::mutex mutex_;
+  unsigned num_parts_ = 0;
+};
+
 void trace_each_on_host(const QueryContext &context, const TraceRequest &request)
 {
   const uint64_t result_bytes = result_bytes_of(request);
@@ -118,109 +161,165 @@ void trace_each_on_host(const QueryContext &context, const TraceRequest &request
   const uint64_t chunk_rays = std::min(host_chunk_rays, request.num_rays);
   const uint64_t num_chunks = (request.num_rays + chunk_rays - 1) / chunk_rays;
   std::atomic<uint64_t> next_chunk{0};
-  run_on_lanes(
-      context.lanes, context.memory->ordinal(), unsigned(std::min<uint64_t>(num_chunks, max_host_lanes)),
-      [&](Lane &lane, const std::atomic<bool> &stop) {
-        const DeviceBuffer<Ray> rays(context.memory, chunk_rays, "a chunk of rays");
-        const DeviceBuffer<std::byte> hits(context.memory, chunk_rays * result_bytes, "a chunk of hits");
-        const WaitAtEnd wait(lane.stream());
-        void *pinned_rays = lane.to_device.reserve(rays.bytes());
-        void *pinned_hits = lane.to_host.reserve(hits.bytes());
-        for (uint64_t c; !stop && (c = next_chunk++) < num_chunks;) {
-          const uint64_t first = c * chunk_rays, count = std::min(chunk_rays, request.num_rays - first);
-          std::memcpy(pinned_rays, request.rays + first, count * sizeof(Ray));
-          copy_async(rays.data(), pinned_rays, count * sizeof(Ray), cudaMemcpyHostToDevice, lane);
-          run_in_slices(lane, context.slice, count, [&](uint64_t i, uint64_t n) {
-            launch_hits(context, request, rays.data() + i, n, hits.data() + i * result_bytes, lane.stream());
-          });
-          copy_async(pinned_hits, hits.data(), count * result_bytes, cudaMemcpyDeviceToHost, lane);
-          lane.synchronize();
-          std::memcpy(results + first * result_bytes, pinned_hits, count * result_bytes);
-        }
-      });
-}
-
-// All hits, chunk after chunk: how many a chunk has decides where the next one's begin.
-void trace_all(const QueryContext &context, const TraceRequest &request)
-{
-  const LaneLease lane = context.lanes.acquire();
-  if (request.device_memory) lane->wait_for_default_stream();
-  const uint64_t chunk_rays = std::min(host_chunk_rays, std::max<uint64_t>(request.num_rays, 1));
-  const uint64_t hit_size = hit_bytes(request);
-  const DeviceBuffer<Ray> ray_buffer(context.memory, request.device_memory ? 0 : chunk_rays,
-                                     "a chunk of rays");
-  const DeviceBuffer<uint64_t> offsets(context.memory, chunk_rays + 1, "offsets of a chunk of rays");
-  const DeviceBuffer<std::byte> scratch(context.memory, scan_scratch_bytes(chunk_rays + 1),
-                                        "a scan's working memory");
-  DeviceBuffer<std::byte> hit_buffer;
-  const WaitAtEnd wait(lane->stream());
-  uint64_t *host_offsets =
-      static_cast<uint64_t *>(lane->to_host.reserve((chunk_rays + 1) * sizeof(uint64_t)));
-  const auto write_offsets = [&](uint64_t first, uint64_t count) {
-    if (request.device_memory) {
-      copy_async(request.offsets + first, offsets.data(), count * sizeof(uint64_t), cudaMemcpyDeviceToDevice,
-                 *lane);
-    } else {
-      std::memcpy(request.offsets + first, host_offsets, count * sizeof(uint64_t));
-    }
-  };
-
-  uint64_t num_hits = 0;
-  for (uint64_t first = 0; first < request.num_rays; first += chunk_rays) {
-    const uint64_t count = std::min(chunk_rays, request.num_rays - first);
-    const Ray *rays = request.rays + first;
-    if (!request.device_memory) {
-      void *pinned = lane->to_device.reserve(chunk_rays * sizeof(Ray));
-      std::memcpy(pinned, rays, count * sizeof(Ray));
-      copy_async(ray_buffer.data(), pinned, count * sizeof(Ray), cudaMemcpyHostToDevice, *lane);
-      rays = ray_buffer.data();
-    }
-    run_in_slices(*lane, context.slice, count, [&](uint64_t i, uint64_t n) {
-      launch_count_all(context.scene, rays + i, n, offsets.data() + i, lane->stream());
+  HostParts parts(context, result_bytes);
+  const auto trace_part = [&](Lane &lane, const HostPart &part, uint64_t first, uint64_t count) {
+    void *pinned_rays = lane.to_device.reserve(part.rays.bytes());
+    void *pinned_results = lane.to_host.reserve(part.results.bytes());
+    std::memcpy(pinned_rays, request.rays + first, count * sizeof(Ray));
+    copy_async(part.rays.data(), pinned_rays, count * sizeof(Ray), cudaMemcpyHostToDevice, lane);
+    run_in_slices(lane, context.slice, count, [&](uint64_t i, uint64_t n) {
+      launch_hits(context, request, part.rays.data() + i, n, part.results.data() + i * result_bytes,
+                  lane.stream());
     });
-    // The sum before element `count`, whatever is in it, is the number of hits.
-    check(cudaMemsetAsync(offsets.data() + count, 0, sizeof(uint64_t), lane->stream()), "cudaMemsetAsync");
-    scan_counts(offsets.data(), count + 1, num_hits, offsets.data(), scratch.data(), scratch.size(),
-                lane->stream());
-    copy_async(host_offsets, offsets.data(), (count + 1) * sizeof(uint64_t), cudaMemcpyDeviceToHost, *lane);
-    lane->synchronize();
-    write_offsets(first, count + 1);
-    num_hits = host_offsets[count];
-    if (request.hits == nullptr || num_hits > request.hit_capacity) continue;
+    copy_async(pinned_results, part.results.data(), count * result_bytes, cudaMemcpyDeviceToHost, lane);
+    lane.synchronize();
+    std::memcpy(results + first * result_bytes, pinned_results, count * result_bytes);
+  };
+  run_on_lanes(context.lanes, context.memory->ordinal(),
+               unsigned(std::min<uint64_t>(num_chunks, max_host_lanes)),
+               [&](Lane &lane, const std::atomic<bool> &stop) {
+                 const std::optional<HostPart> part = parts.make(chunk_rays);
+                 if (!part) return;
+                 const WaitAtEnd wait(lane.stream());
+                 for (uint64_t c; !stop && (c = next_chunk++) < num_chunks;) {
+                   const uint64_t end = std::min((c + 1) * chunk_rays, request.num_rays);
+                   for (uint64_t first = c * chunk_rays; first < end && !stop; first += part->num_rays)
+                     trace_part(lane, *part, first, std::min(part->num_rays, end - first));
+                 }
+               });
+}
 
-    // Parts of the chunk whose hits fit the budget, or single rays.
-    for (uint64_t begin = 0; begin < count;) {
-      uint64_t end = request.device_memory ? count : begin + 1;
-      while (end < count && host_offsets[end + 1] - host_offsets[begin] <= all_hits_budget) ++end;
-      const uint64_t part_first = host_offsets[begin], part_hits = host_offsets[end] - part_first;
-      std::byte *target = static_cast<std::byte *>(request.hits) + part_first * hit_size;
-      if (!request.device_memory && hit_buffer.size() < part_hits * hit_size) {
-        hit_buffer = {};  // first gives the smaller one back
-        hit_buffer =
-            DeviceBuffer<std::byte>(context.memory, part_hits * hit_size, "all hits of a chunk of rays");
+// All hits, chunk after chunk and part after part: how many a part has decides where the next one's begin.
+class AllHitsQuery {
+ public:
+  AllHitsQuery(const QueryContext &context, const TraceRequest &request, Lane &lane)
+      : context_(context),
+        request_(request),
+        lane_(lane),
+        chunk_rays_(std::min(host_chunk_rays, std::max<uint64_t>(request.num_rays, 1))),
+        rays_(context.memory, request.device_memory ? 0 : chunk_rays_, "a chunk of rays"),
+        listed_offsets_(context.memory, chunk_rays_ + 1, "offsets of a chunk of rays"),
+        hit_offsets_(context.memory, chunk_rays_ + 1, "offsets of a chunk of rays"),
+        scratch_(context.memory, scan_scratch_bytes(chunk_rays_ + 1), "a scan's working memory"),
+        wait_(lane.stream())
+  {
+    host_listed_ = static_cast<uint64_t *>(lane.to_host.reserve(2 * (chunk_rays_ + 1) * sizeof(uint64_t)));
+    host_offsets_ = host_listed_ + chunk_rays_ + 1;
+  }
+
+  void run()
+  {
+    if (request_.device_memory) lane_.wait_for_default_stream();
+    if (request_.num_rays == 0) {
+      check(cudaMemsetAsync(hit_offsets_.data(), 0, sizeof(uint64_t), lane_.stream()), "cudaMemsetAsync");
+      host_offsets_[0] = 0;
+      write_offsets(0, 0);
+    }
+    for (uint64_t first = 0; first < request_.num_rays; first += chunk_rays_) {
+      const uint64_t count = std::min(chunk_rays_, request_.num_rays - first);
+      const Ray *rays = on_device(request_.rays + first, count);
+      count_listed(rays, count);
+      // Parts whose crossings fit the budget, or single rays.
+      for (uint64_t begin = 0, end; begin < count; begin = end) {
+        end = begin + 1;
+        while (end < count && host_listed_[end + 1] - host_listed_[begin] <= all_hits_budget) ++end;
+        trace_part(first, begin, end, rays);
       }
-      void *output = request.device_memory ? target : hit_buffer.data();
-      run_in_slices(*lane, context.slice, end - begin, [&](uint64_t i, uint64_t n) {
-        launch_fill_all(context.scene, rays + begin + i, n, offsets.data() + begin + i, part_first,
-                        request.compact, output, lane->stream());
-      });
-      if (!request.device_memory)
-        copy_async(target, output, part_hits * hit_size, cudaMemcpyDeviceToHost, *lane);
-      lane->synchronize();
-      begin = end;
+    }
+    lane_.synchronize();
+    if (request_.hits != nullptr && num_hits_ > request_.hit_capacity) {
+      fail_invalid("the rays have {} hits, but hit_capacity is {}; make hits larger, offsets tell how large",
+                   num_hits_, request_.hit_capacity);
     }
   }
-  if (request.num_rays == 0) {
-    host_offsets[0] = 0;
-    copy_async(offsets.data(), host_offsets, sizeof(uint64_t), cudaMemcpyHostToDevice, *lane);
-    write_offsets(0, 1);
+
+ private:
+  const Ray *on_device(const Ray *rays, uint64_t count)
+  {
+    if (request_.device_memory) return rays;
+    void *pinned = lane_.to_device.reserve(rays_.bytes());
+    std::memcpy(pinned, rays, count * sizeof(Ray));
+    copy_async(rays_.data(), pinned, count * sizeof(Ray), cudaMemcpyHostToDevice, lane_);
+    return rays_.data();
   }
-  lane->synchronize();
-  if (request.hits != nullptr && num_hits > request.hit_capacity) {
-    fail_invalid("the rays have {} hits, but hit_capacity is {}; make hits larger, offsets tell how large",
-                 num_hits, request.hit_capacity);
+
+  // Where the crossings of each ray of the chunk would be listed, on the device and the host.
+  void count_listed(const Ray *rays, uint64_t count)
+  {
+    run_in_slices(lane_, context_.slice, count, [&](uint64_t i, uint64_t n) {
+      launch_count_all(context_.scene, rays + i, n, listed_offsets_.data() + i, lane_.stream());
+    });
+    sum_counts(listed_offsets_, count, 0, host_listed_);
   }
-}
+
+  // Rays begin .. end - 1 of the chunk that begins at `first`.
+  void trace_part(uint64_t first, uint64_t begin, uint64_t end, const Ray *rays)
+  {
+    const uint64_t first_listed = host_listed_[begin], count = end - begin;
+    const uint64_t *listed_offsets = listed_offsets_.data() + begin;
+    grow(listed_, host_listed_[end] - first_listed, "all hits of a chunk of rays");
+    run_in_slices(lane_, context_.slice, count, [&](uint64_t i, uint64_t n) {
+      launch_list_all(context_.scene, rays + begin + i, n, listed_offsets + i, first_listed, listed_.data(),
+                      hit_offsets_.data() + i, lane_.stream());
+    });
+    const uint64_t first_hit = num_hits_;
+    sum_counts(hit_offsets_, count, first_hit, host_offsets_);
+    num_hits_ = host_offsets_[count];
+    write_offsets(first + begin, count);
+    if (request_.hits == nullptr || num_hits_ > request_.hit_capacity) return;
+
+    const uint64_t bytes = (num_hits_ - first_hit) * hit_bytes(request_);
+    std::byte *target = static_cast<std::byte *>(request_.hits) + first_hit * hit_bytes(request_);
+    if (!request_.device_memory) grow(results_, bytes, "all hits of a chunk of rays");
+    std::byte *output = request_.device_memory ? target : results_.data();
+    launch_write_all(context_.scene.scene, count, listed_offsets, first_listed, listed_.data(),
+                     hit_offsets_.data(), first_hit, request_.compact, output, lane_.stream());
+    if (!request_.device_memory) copy_async(target, output, bytes, cudaMemcpyDeviceToHost, lane_);
+    lane_.synchronize();
+  }
+
+  // Turns counts into sums from `base` on, `count` + 1 of them, and brings them to the host.
+  void sum_counts(const DeviceBuffer<uint64_t> &counts, uint64_t count, uint64_t base, uint64_t *host)
+  {
+    // The sum before element `count`, whatever is in it, is that of all.
+    check(cudaMemsetAsync(counts.data() + count, 0, sizeof(uint64_t), lane_.stream()), "cudaMemsetAsync");
+    scan_counts(counts.data(), count + 1, base, counts.data(), scratch_.data(), scratch_.size(),
+                lane_.stream());
+    copy_async(host, counts.data(), (count + 1) * sizeof(uint64_t), cudaMemcpyDeviceToHost, lane_);
+    lane_.synchronize();
+  }
+
+  // Hands out the offsets of `count` rays and of what follows them.
+  void write_offsets(uint64_t first, uint64_t count)
+  {
+    const uint64_t bytes = (count + 1) * sizeof(uint64_t);
+    if (request_.device_memory)
+      copy_async(request_.offsets + first, hit_offsets_.data(), bytes, cudaMemcpyDeviceToDevice, lane_);
+    else std::memcpy(request_.offsets + first, host_offsets_, bytes);
+  }
+
+  // Nothing runs on the buffer when it is replaced; the smaller one is given back first.
+  template <class T>
+  void grow(DeviceBuffer<T> &buffer, uint64_t count, const char *what)
+  {
+    if (buffer.size() >= count) return;
+    buffer = {};
+    buffer = DeviceBuffer<T>(context_.memory, count, what);
+  }
+
+  const QueryContext &context_;
+  const TraceRequest &request_;
+  Lane &lane_;
+  const uint64_t chunk_rays_;
+  const DeviceBuffer<Ray> rays_;
+  const DeviceBuffer<uint64_t> listed_offsets_, hit_offsets_;
+  const DeviceBuffer<std::byte> scratch_;
+  DeviceBuffer<Hit> listed_;
+  DeviceBuffer<std::byte> results_;
+  WaitAtEnd wait_;  // goes first, so that no buffer goes while it is in use
+  uint64_t *host_listed_ = nullptr, *host_offsets_ = nullptr;
+  uint64_t num_hits_ = 0;
+};
 
 }  // namespace
 
@@ -239,8 +338,10 @@ void SliceSize::learn(uint64_t num_rays, double seconds)
 void trace_batch(const QueryContext &context, const TraceRequest &request)
 {
   if (request.device_memory) check_device_pointers(request, context.memory->ordinal());
-  if (request.query == QueryKind::All) trace_all(context, request);
-  else if (request.num_rays == 0) return;
+  if (request.query == QueryKind::All) {
+    const LaneLease lane = context.lanes.acquire();
+    AllHitsQuery(context, request, *lane).run();
+  } else if (request.num_rays == 0) return;
   else if (request.device_memory) trace_each_on_device(context, request);
   else trace_each_on_host(context, request);
 }
