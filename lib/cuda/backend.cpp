@@ -102,12 +102,14 @@ class CudaBackend final : public Backend {
                                                const BuildOptions &options) override
   {
     if (options.accel == Accel::Embree) {
-      fail(GPURT_ERROR_UNSUPPORTED,
-           "embree is an accelerator of the CPU; on a CUDA device use kdtree or auto");
+      fail(
+          GPURT_ERROR_UNSUPPORTED,
+          "embree is an accelerator of the CPU; on a CUDA device use GPURT_ACCEL_KDTREE or GPURT_ACCEL_AUTO");
     }
     if (options.accel == Accel::Bvh) {
-      fail(GPURT_ERROR_UNSUPPORTED,
-           "the bvh accelerator is not supported by this version; use kdtree or auto");
+      fail(
+          GPURT_ERROR_UNSUPPORTED,
+          "the bvh accelerator is not supported by this version; use GPURT_ACCEL_KDTREE or GPURT_ACCEL_AUTO");
     }
     const KdTrees trees = build_kd_trees(*scene, options, nullptr, log_);
     return std::make_shared<CudaScene>(device_, std::move(scene), trees, options.triangle_test);

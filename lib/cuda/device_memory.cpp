@@ -22,27 +22,38 @@ DeviceScope::~DeviceScope()
 DeviceMemory::DeviceMemory(int ordinal, uint64_t limit_bytes)
     : ordinal_(ordinal), tracker_(std::make_shared<MemoryTracker>(limit_bytes))
 {
+  try {
+    make_pool();
+  } catch (...) {
+    drop_pool();
+    throw;
+  }
+}
+
+DeviceMemory::~DeviceMemory() { drop_pool(); }
+
+void DeviceMemory::make_pool()
+{
   int has_pools = 0;
-  check(cudaDeviceGetAttribute(&has_pools, cudaDevAttrMemoryPoolsSupported, ordinal),
+  check(cudaDeviceGetAttribute(&has_pools, cudaDevAttrMemoryPoolsSupported, ordinal_),
         "cudaDeviceGetAttribute");
   if (!has_pools) return;
   check(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "cudaStreamCreateWithFlags");
   cudaMemPoolProps properties{};
   properties.allocType = cudaMemAllocationTypePinned;
   properties.location.type = cudaMemLocationTypeDevice;
-  properties.location.id = ordinal;
+  properties.location.id = ordinal_;
   check(cudaMemPoolCreate(&pool_, &properties), "cudaMemPoolCreate");
   uint64_t keep_all = UINT64_MAX;
   check(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &keep_all),
         "cudaMemPoolSetAttribute");
 }
 
-DeviceMemory::~DeviceMemory()
+void DeviceMemory::drop_pool() noexcept
 {
-  if (pool_ == nullptr) return;
-  ignore(cudaStreamSynchronize(stream_));
-  ignore(cudaMemPoolDestroy(pool_));
-  ignore(cudaStreamDestroy(stream_));
+  if (stream_ != nullptr) ignore(cudaStreamSynchronize(stream_));
+  if (pool_ != nullptr) ignore(cudaMemPoolDestroy(pool_));
+  if (stream_ != nullptr) ignore(cudaStreamDestroy(stream_));
 }
 
 void *DeviceMemory::allocate(uint64_t bytes, const char *what)

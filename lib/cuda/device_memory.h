@@ -47,6 +47,9 @@ class DeviceMemory {
   void free(void *data, uint64_t bytes) noexcept;
 
  private:
+  void make_pool();
+  void drop_pool() noexcept;
+
   const int ordinal_;
   const std::shared_ptr<MemoryTracker> tracker_;
   cudaMemPool_t pool_ = nullptr;   // null: the device has no pools, memory comes from cudaMalloc

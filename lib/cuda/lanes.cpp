@@ -2,7 +2,7 @@
 
 #include <atomic>
 #include <exception>
-#include <system_error>
+#include <new>
 #include <thread>
 
 namespace gpurt::cuda {
@@ -39,8 +39,12 @@ void Lane::wait_for_default_stream()
 LaneLease::~LaneLease()
 {
   ignore(cudaStreamSynchronize(lane_->stream()));
-  const std::lock_guard lock(pool_.mutex_);
-  pool_.idle_.push_back(std::move(lane_));
+  try {
+    const std::lock_guard lock(pool_.mutex_);
+    pool_.idle_.push_back(std::move(lane_));
+  } catch (const std::bad_alloc &) {
+    // No room to keep it: the lane goes.
+  }
 }
 
 LaneLease LanePool::acquire()
@@ -77,8 +81,8 @@ void run_on_lanes(LanePool &pool, int ordinal, unsigned num_lanes,
   threads.reserve(num_lanes);
   try {
     for (unsigned i = 1; i < num_lanes; ++i) threads.emplace_back(run);
-  } catch (const std::system_error &) {
-    // Fewer threads do the same work.
+  } catch (const std::exception &) {
+    // No thread, or no memory for one: fewer do the same work.
   }
   run();
   for (std::thread &thread : threads) thread.join();

@@ -1,6 +1,7 @@
 #include "cuda/accel/device_kd_accel.h"
 
 #include "cuda/accel/kernels.h"
+#include "cuda/lanes.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -49,6 +50,8 @@ DeviceKdAccel::DeviceKdAccel(const CompiledScene &scene, const SceneView &view, 
     copy_to_device(nodes_.data() + trees_[i].first_node, sources[i]->nodes, stream);
     copy_to_device(references_.data() + trees_[i].first_reference, sources[i]->references, stream);
   }
+  // The kernels have read what they read and written all triangles before this returns, or any buffer goes.
+  const WaitAtEnd wait(stream);
   std::vector<KdGroupView> group_views;
   for (size_t g = 0; g < trees.groups.size(); ++g) {
     const Tree &tree = trees_[g];
