@@ -1,6 +1,7 @@
 // Scenes and rays for comparing devices bit by bit. All are functions of indices and seeds.
 #pragma once
 
+#include <cstdlib>
 #include <functional>
 
 #include "../support/gpurt_test.h"
@@ -8,6 +9,13 @@
 namespace gpurt_test {
 
 using Vec = std::array<float, 3>;
+
+/// The number of rays, samples ... to take: `whole`, or with GPURT_TEST_SHORT=1, under a sanitizer, `shortened`.
+inline uint64_t amount(uint64_t whole, uint64_t shortened)
+{
+  const char *value = std::getenv("GPURT_TEST_SHORT");
+  return value != nullptr && value[0] == '1' ? shortened : whole;
+}
 
 /// A small counter-based generator: the same numbers on every machine, whatever the standard library.
 class Random {

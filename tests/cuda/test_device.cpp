@@ -89,7 +89,8 @@ TEST(CudaDevice, RefusesAcceleratorsThatItHasNot)
     gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
     desc.accel = accel;
     EXPECT_EQ(gpurt_scene_commit(scene, &desc), GPURT_ERROR_UNSUPPORTED);
-    EXPECT_NE(std::string(gpurt_last_error()).find("kdtree"), std::string::npos) << gpurt_last_error();
+    EXPECT_NE(std::string(gpurt_last_error()).find("GPURT_ACCEL_KDTREE"), std::string::npos)
+        << gpurt_last_error();
   }
   commit(scene);
 }
@@ -126,6 +127,30 @@ TEST(CudaMemory, RunsOutAtTheLimitAndLeavesTheDeviceUsable)
   EXPECT_TRUE(sphere_is_hit(small));
   commit(small);
   EXPECT_TRUE(sphere_is_hit(small));
+}
+
+// Room for a part of what travels together: the same hits, in smaller parts.
+TEST(CudaMemory, OfLittleSizeIsEnoughForManyRays)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const uint64_t limit = uint64_t(3) << 20;
+  const Device roomy = make_device(GPURT_DEVICE_CUDA), tight = make_device(GPURT_DEVICE_CUDA, 0, limit);
+  std::vector<gpurt_hit> hits[2];
+  for (int i = 0; i < 2; ++i) {
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(i == 0 ? roomy : tight, scene.out()));
+    RayTargets targets{icosphere(3)};
+    add_mesh(scene, targets.mesh);
+    set_bounds(targets);
+    commit(scene);
+    std::vector<gpurt_ray> rays(amount(700'000, 70'000));
+    for (size_t k = 0; k < rays.size(); ++k) rays[k] = make_ray(targets, k);
+    hits[i] = trace_closest(scene, rays);
+  }
+  EXPECT_EQ(std::memcmp(hits[0].data(), hits[1].data(), hits[0].size() * sizeof(gpurt_hit)), 0);
+  gpurt_device_properties p = GPURT_DEVICE_PROPERTIES_INIT;
+  GPURT_ASSERT_OK(gpurt_device_get_properties(tight, &p));
+  EXPECT_LE(p.memory_peak_bytes, limit);
 }
 
 // Where the device itself has none left, the driver's error must not stick.

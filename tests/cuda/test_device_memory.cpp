@@ -87,7 +87,7 @@ bool same(const std::vector<T> &a, const std::vector<T> &b)
 TEST(CudaPointers, GiveTheHitsOfHostMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  const Fixture f = make_fixture(1'000'003);
+  const Fixture f = make_fixture(amount(1'000'003, 10'003));
   for (size_t offset : {size_t(0), size_t(4), size_t(16)}) {
     SCOPED_TRACE(offset);
     EXPECT_TRUE(same(trace_in_device_memory<gpurt_hit>(f, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, offset),
@@ -103,7 +103,7 @@ TEST(CudaPointers, GiveTheHitsOfHostMemory)
 TEST(CudaPointers, GiveAllHitsOfHostMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  const Fixture f = make_fixture(400'000);  // more than a chunk
+  const Fixture f = make_fixture(amount(400'000, 10'000));  // more than a chunk
   const size_t n = f.rays.size();
   std::vector<uint64_t> offsets(n + 1), device_offsets(n + 1);
   gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
@@ -182,7 +182,7 @@ TEST(CudaPointers, OfGpurtBuffersAreZeroAtFirst)
 TEST(CudaStreams, CarryQueriesInOrder)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  const Fixture f = make_fixture(1'000'000);
+  const Fixture f = make_fixture(amount(1'000'000, 10'000));
   const size_t n = f.rays.size();
   const auto expected = trace_in_host_memory<gpurt_hit>(f, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL);
   const DeviceBytes rays(n * sizeof(gpurt_ray)), hits(n * sizeof(gpurt_hit));

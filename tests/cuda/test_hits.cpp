@@ -1,6 +1,8 @@
 // Hits have the same bits on every device: the CPU's kd-tree and a CUDA device are asked the same.
 //
 // The bodies take two devices. Without a GPU they compare one CPU thread with all of them, on fewer rays.
+#include <chrono>
+#include <cstdio>
 #include <thread>
 
 #include "scenes.h"
@@ -74,16 +76,51 @@ std::vector<T> trace(gpurt_scene scene, gpurt_query query, gpurt_hit_format form
   return results;
 }
 
+// Rays first .. first + count - 1 of a scene's sequence, made by all threads.
+std::vector<gpurt_ray> make_rays(const RayTargets &targets, uint64_t first, uint64_t count)
+{
+  std::vector<gpurt_ray> rays(count);
+  const uint64_t num_threads = std::max(1u, std::thread::hardware_concurrency());
+  std::vector<std::thread> threads;
+  for (uint64_t t = 0; t < num_threads; ++t) {
+    threads.emplace_back([&, begin = count * t / num_threads, end = count * (t + 1) / num_threads] {
+      for (uint64_t i = begin; i < end; ++i) rays[i] = make_ray(targets, first + i);
+    });
+  }
+  for (std::thread &thread : threads) thread.join();
+  return rays;
+}
+
+// Adds up the seconds of what it is told to run.
+class Stopwatch {
+ public:
+  template <class F>
+  auto operator()(F &&f)
+  {
+    const auto start = std::chrono::steady_clock::now();
+    auto result = f();
+    seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    return result;
+  }
+  double seconds() const { return seconds_; }
+
+ private:
+  double seconds_ = 0;
+};
+
 // Closest hits in both formats and any hits, in batches so that memory stays small. Returns how many rays hit.
 uint64_t compare_queries(const ScenePair &scenes, uint64_t num_rays)
 {
   constexpr uint64_t batch = uint64_t(1) << 20;
   uint64_t num_different = 0, num_hits = 0;
+  Stopwatch making, reference, tested;
   for (uint64_t first = 0; first < num_rays && num_different == 0; first += batch) {
-    std::vector<gpurt_ray> rays(std::min(batch, num_rays - first));
-    for (size_t i = 0; i < rays.size(); ++i) rays[i] = make_ray(scenes.targets, first + i);
-    const auto expected = trace<gpurt_hit>(scenes.reference, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays);
-    const auto full = trace<gpurt_hit>(scenes.tested, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays);
+    const std::vector<gpurt_ray> rays =
+        making([&] { return make_rays(scenes.targets, first, std::min(batch, num_rays - first)); });
+    const auto expected = reference(
+        [&] { return trace<gpurt_hit>(scenes.reference, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays); });
+    const auto full =
+        tested([&] { return trace<gpurt_hit>(scenes.tested, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays); });
     const auto compact =
         trace<gpurt_hit_compact>(scenes.tested, GPURT_QUERY_CLOSEST, GPURT_HIT_COMPACT, rays);
     const auto any = trace<uint8_t>(scenes.tested, GPURT_QUERY_ANY, GPURT_HIT_FULL, rays);
@@ -103,6 +140,11 @@ uint64_t compare_queries(const ScenePair &scenes, uint64_t num_rays)
     }
   }
   EXPECT_EQ(num_different, 0u);
+  std::printf(
+      "%llu rays, %llu hit; seconds: making them %.2f, closest hits of the reference %.2f, of the tested "
+      "device %.2f\n",
+      static_cast<unsigned long long>(num_rays), static_cast<unsigned long long>(num_hits), making.seconds(),
+      reference.seconds(), tested.seconds());
   return num_hits;
 }
 
@@ -130,11 +172,8 @@ AllHits trace_all(gpurt_scene scene, const std::vector<gpurt_ray> &rays)
   return all;
 }
 
-void compare_all_hits(const ScenePair &scenes, uint64_t num_rays)
+void expect_same_hits(const AllHits &expected, const AllHits &tested, const std::vector<gpurt_ray> &rays)
 {
-  std::vector<gpurt_ray> rays(num_rays);
-  for (size_t i = 0; i < rays.size(); ++i) rays[i] = make_ray(scenes.targets, i);
-  const AllHits expected = trace_all(scenes.reference, rays), tested = trace_all(scenes.tested, rays);
   ASSERT_EQ(tested.offsets, expected.offsets);
   EXPECT_GT(expected.hits.size(), 0u);
   uint64_t num_different = 0;
@@ -147,6 +186,12 @@ void compare_all_hits(const ScenePair &scenes, uint64_t num_rays)
     }
   }
   EXPECT_EQ(num_different, 0u);
+}
+
+void compare_all_hits(const ScenePair &scenes, uint64_t num_rays)
+{
+  const std::vector<gpurt_ray> rays = make_rays(scenes.targets, 0, num_rays);
+  expect_same_hits(trace_all(scenes.reference, rays), trace_all(scenes.tested, rays), rays);
 }
 
 void compare_scene(const DevicePair &devices, const TestScene &content, uint64_t num_rays,
@@ -169,7 +214,8 @@ class CudaHits : public testing::TestWithParam<size_t> {};
 TEST_P(CudaHits, HaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  compare_scene(cpu_and_cuda(), test_scenes()[GetParam()], 10'000'000, 1'000'000, 100'000);
+  compare_scene(cpu_and_cuda(), test_scenes()[GetParam()], amount(10'000'000, 20'000),
+                amount(1'000'000, 5'000), amount(100'000, 2'000));
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, CudaHits, testing::Range(size_t(0), test_scenes().size()),
@@ -184,6 +230,44 @@ TEST_P(Hits, DoNotDependOnTheNumberOfThreads)
 
 INSTANTIATE_TEST_SUITE_P(Scenes, Hits, testing::Range(size_t(0), test_scenes().size()),
                          [](const auto &info) { return test_scenes()[info.param].name; });
+
+// More hits a ray than are sorted by insertion, more in all than are listed at a time, and a ray that alone has more than
+// most have together.
+void compare_stacks(const DevicePair &devices, uint32_t num_layers, size_t num_rays)
+{
+  ScenePair pair;
+  Mesh stack;
+  for (uint32_t i = 0; i < num_layers; ++i) {
+    const float z = float(i % 2 ? i : num_layers - i), x = float(i % 5);
+    stack.append(quad({x - 6, -1, z}, {x + 1, -1, z}, {x + 1, 1, z}, {x - 6, 1, z}));
+  }
+  for (Scene *scene : {&pair.reference, &pair.tested}) {
+    GPURT_ASSERT_OK(
+        gpurt_scene_create(scene == &pair.reference ? devices.reference : devices.tested, scene->out()));
+    add_mesh(*scene, stack);
+    commit(*scene);
+  }
+  pair.targets.mesh = stack;
+  std::vector<gpurt_ray> rays;
+  Random random(31);
+  for (size_t i = 0; i < num_rays; ++i) {
+    const float x = random.between(-6, 6), y = random.between(-1, 1);
+    rays.push_back({{x, y, -1},
+                    0,
+                    {random.between(-1e-3f, 1e-3f), 0, 1},
+                    i % 3 ? 1e30f : float(random.below(num_layers))});
+  }
+  expect_same_hits(trace_all(pair.reference, rays), trace_all(pair.tested, rays), rays);
+}
+
+TEST(CudaStacks, HaveTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  compare_stacks(cpu_and_cuda(), uint32_t(amount(500, 100)), amount(10'000, 300));
+  compare_stacks(cpu_and_cuda(), uint32_t(amount(100'000, 1'000)), 3);
+}
+
+TEST(Stacks, DoNotDependOnTheNumberOfThreads) { compare_stacks(one_and_many_threads(), 300, 200); }
 
 // Trees that were exported are traversed as they are, on either device.
 TEST(CudaTrees, AreExchangedBetweenDevices)
@@ -212,7 +296,7 @@ TEST(CudaTrees, AreExchangedBetweenDevices)
   GPURT_ASSERT_OK(gpurt_scene_get_facts(scenes.tested, &facts));
   EXPECT_EQ(facts.accel, GPURT_ACCEL_KDTREE);
   EXPECT_EQ(facts.tree_from_cache, 1u);
-  compare_queries(scenes, 100'000);
+  compare_queries(scenes, amount(100'000, 10'000));
 }
 
 // Threads that use one device, and one scene, at the same time get what they get alone.

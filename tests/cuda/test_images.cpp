@@ -266,25 +266,32 @@ RenderOptions picture(uint32_t width, uint32_t height, uint32_t spp)
   return o;
 }
 
+// No power of two, so that tiles end anywhere.
+RenderOptions big_picture()
+{
+  return picture(uint32_t(amount(321, 53)), uint32_t(amount(243, 41)), uint32_t(amount(32, 4)));
+}
+
 TEST(CudaImages, OfACornellBoxHaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   compare_images(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_cornell_box,
-                 picture(320, 240, 32));
+                 big_picture());
 }
 
 TEST(CudaImages, OfEverythingHaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   compare_images(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_everything,
-                 picture(321, 243, 32));
+                 big_picture());
 }
 
 // Waves must shrink until they fit; the image may not change.
 TEST(CudaImages, AreTheSameInLittleMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  const RenderOptions options = picture(128, 128, 16);
+  const uint32_t side = uint32_t(amount(128, 64));
+  const RenderOptions options = picture(side, side, 16);
   const Device roomy = make_device(GPURT_DEVICE_CUDA),
                tight = make_device(GPURT_DEVICE_CUDA, 0, uint64_t(24) << 20);
   const Scene a = make_scene(roomy, fill_cornell_box), b = make_scene(tight, fill_cornell_box);
