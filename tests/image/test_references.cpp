@@ -1,5 +1,8 @@
 // Path-traced images against references that an independent renderer made, under the noise model of
-// reference_image.h. Skipped where the scenes are not there. GPURT_TEST_SPP raises the samples.
+// reference_image.h. Skipped where the scenes are not there.
+//
+// Environment variables: GPURT_TEST_SPP sets the samples, GPURT_TEST_DEVICE=cuda the device, GPURT_TEST_ACCEL=kdtree the
+// CPU's accelerator, GPURT_TEST_SCENES the folder of the scenes.
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -13,7 +16,20 @@ namespace {
 using namespace gpurt_test;
 namespace fs = std::filesystem;
 
-fs::path scenes_folder() { return fs::path(GPURT_SOURCE_DIR).parent_path() / "shared" / "scenes"; }
+fs::path scenes_folder()
+{
+  const char *folder = std::getenv("GPURT_TEST_SCENES");
+  if (folder != nullptr) return folder;
+  return fs::path(GPURT_SOURCE_DIR).parent_path() / "shared" / "scenes";
+}
+
+gpurt_device_type device_type()
+{
+  const char *device = std::getenv("GPURT_TEST_DEVICE");
+  if (device == nullptr || std::string(device) == "cpu") return GPURT_DEVICE_CPU;
+  EXPECT_EQ(std::string(device), "cuda") << "GPURT_TEST_DEVICE is neither cpu nor cuda";
+  return GPURT_DEVICE_CUDA;
+}
 
 struct Case {
   const char *scene;      // file
@@ -83,7 +99,8 @@ TEST_P(References, ImageAgreesWithinItsNoise)
   const RgbImage reference =
       read_rgb_exr((scenes_folder() / "reference" / (std::string(test.reference) + ".exr")).string());
 
-  Device device = make_device();
+  Device device = make_device(device_type());
+  ASSERT_NE(gpurt_device(device), nullptr);
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_load(device, scene_path.c_str(), scene.out()));
   const char *accel = std::getenv("GPURT_TEST_ACCEL");
