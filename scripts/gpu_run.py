@@ -1,7 +1,9 @@
-"""Runs the CUDA tests and the benchmarks of .gpu/tree, and keeps what they say as JSON.
+"""Runs the CUDA tests, the reference images, the sanitizer and the benchmarks of .gpu/tree, and keeps what they say.
 
-Writes tests.json, bench.jsonl (one line a case) and log.txt into $OUT. Fails if a CUDA test failed or was
-skipped, if none ran, or if a benchmark failed.
+Writes tests.json, references.json, sanitizer.json, bench.jsonl (one line a case) and log.txt into $OUT. Reference
+images need the folder of the scenes: --scenes, or $GPURT_TEST_SCENES, or .gpu/scenes, shared/scenes or
+../shared/scenes where one of these is there. The sanitizer needs compute-sanitizer, on the PATH or in
+/usr/local/cuda/bin. Fails if a test or a benchmark failed, if a CUDA test was skipped, or if none ran.
 """
 
 import argparse
@@ -9,28 +11,56 @@ import datetime
 import json
 import os
 import pathlib
+import re
+import shutil
 import subprocess
 import sys
-import tempfile
 import time
 
 TREE = pathlib.Path(".gpu/tree")
 # What gpurt_add_test (tests/CMakeLists.txt) calls a CUDA test.
 CUDA_FILTER = "*cuda*:*Cuda*:*CUDA*"
+REFERENCES = TREE / "tests" / "image" / "test_references"
+SCENE_FOLDERS = (".gpu/scenes", "shared/scenes", "../shared/scenes")
+# What the sanitizer looks at: every kernel, in the short form of the tests (GPURT_TEST_SHORT).
+SANITIZED = {
+    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*",
+    "cuda/cuda_images": "CudaImages.Of*:CudaImages.AreTheSameInLittleMemory",
+    "cuda/cuda_device": "CudaDevice.*:CudaMemory.RunsOutAtTheLimit*:CudaMemory.OfLittle*:CudaMemory.IsGivenBack:CudaThreads.*",
+    "cuda/cuda_device_memory": "*Cuda*",
+}
 
 
-def run(command, log, timeout):
-    """Runs a command; returns (exit status, what it printed). 124 where it ran past the timeout."""
-    log.write(f"$ {' '.join(map(str, command))}\n")
-    try:
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                              errors="replace", timeout=timeout)
-        status, text = done.returncode, done.stdout
-    except subprocess.TimeoutExpired as expired:
-        status, text = 124, (expired.stdout or b"").decode(errors="replace") + "\ntimed out\n"
-    log.write(text + "\n")
-    log.flush()
-    return status, text
+class Run:
+    """What all stages use: the log, the time that is left, the verdict."""
+
+    def __init__(self, out, budget):
+        self.out = out
+        self.log = open(out / "log.txt", "w", encoding="utf-8")
+        self.end = time.monotonic() + budget
+        self.ok = True
+
+    def left(self):
+        return max(self.end - time.monotonic(), 0.0)
+
+    def command(self, command, timeout, **environment):
+        """Runs a command; returns (exit status, what it printed, seconds). 124 where it ran past the timeout."""
+        self.log.write(f"$ {' '.join(f'{k}={v}' for k, v in environment.items())} {' '.join(map(str, command))}\n")
+        self.log.flush()
+        start = time.monotonic()
+        try:
+            done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                                  errors="replace", timeout=max(min(timeout, self.left()), 1.0),
+                                  env={**os.environ, **environment})
+            status, text = done.returncode, done.stdout
+        except subprocess.TimeoutExpired as expired:
+            status, text = 124, (expired.stdout or b"").decode(errors="replace") + "\ntimed out\n"
+        self.log.write(f"{text}\nexit status {status}\n")
+        self.log.flush()
+        return status, text, time.monotonic() - start
+
+    def write(self, name, about, key, values):
+        (self.out / name).write_text(json.dumps({**about, key: values}, indent=1) + "\n")
 
 
 def device():
@@ -41,74 +71,201 @@ def device():
         return ""
 
 
-def run_tests(program, test_filter, log, timeout):
-    """The tests of one program as dictionaries; a program that crashed is a failed test of its own."""
-    name = program.relative_to(TREE / "tests").as_posix()
-    with tempfile.TemporaryDirectory() as folder:
-        report = pathlib.Path(folder) / "report.json"
-        status, text = run([program, f"--gtest_filter={test_filter}", f"--gtest_output=json:{report}"], log, timeout)
-        suites = json.loads(report.read_text())["testsuites"] if report.exists() else []
-    tests = []
-    for suite in suites:
-        for test in suite["testsuite"]:
-            if test["status"] != "RUN":
-                continue
-            result = "failed" if test.get("failures") else "passed"
-            if test["result"] == "SKIPPED":
-                result = "skipped"
-            message = "\n".join(failure["failure"] for failure in test.get("failures", []))
-            tests.append({"program": name, "test": f"{suite['name']}.{test['name']}", "result": result,
-                          "seconds": float(test["time"].rstrip("s")), "message": message})
-    if status != 0 and not any(test["result"] == "failed" for test in tests):
-        tests.append({"program": name, "test": "(the program)", "result": "failed", "seconds": 0.0,
-                      "message": f"exit status {status}\n{text[-2000:]}"})
+def find_program(name):
+    return shutil.which(name) or shutil.which(name, path="/usr/local/cuda/bin")
+
+
+def list_tests(program, test_filter):
+    text = subprocess.run([program, "--gtest_list_tests", f"--gtest_filter={test_filter}"], capture_output=True,
+                          text=True, check=True, timeout=120).stdout
+    tests, suite = [], ""
+    for line in text.splitlines():
+        name = line.split("#")[0].rstrip()
+        if name.startswith("  "):
+            tests.append(suite + name.strip())
+        elif name.endswith("."):
+            suite = name
     return tests
 
 
+def results_in(text):
+    """The tests that a GoogleTest program told of: (name, result, seconds, what it printed), then those that began
+    and did not end, with seconds None."""
+    found, name, lines = [], None, []
+    for line in text.splitlines():
+        begin = re.match(r"\[ RUN      \] (\S+)", line)
+        end = re.match(r"\[ +(OK|FAILED|SKIPPED) +\] (\S+?),? .*\((\d+) ms\)$", line)
+        if begin:
+            name, lines = begin[1], []
+        elif end and end[2] == name:
+            result = {"OK": "passed", "FAILED": "failed", "SKIPPED": "skipped"}[end[1]]
+            found.append((name, result, int(end[3]) / 1000, "\n".join(lines)))
+            name = None
+        elif name is not None:
+            lines.append(line)
+    if name is not None:
+        found.append((name, "failed", None, "\n".join(lines)))
+    return found
+
+
+def backtrace(run, program, test):
+    """Where a test crashes, if there is a debugger."""
+    debugger = find_program("gdb") or find_program("cuda-gdb")
+    if debugger is None:
+        return "no debugger found"
+    _, text, _ = run.command([debugger, "-batch", "-ex", "run", "-ex", "thread apply all bt 24", "--args", program,
+                              f"--gtest_filter={test}"], 120)
+    return text[-6000:]
+
+
+def run_tests(run, program, test_filter, timeout):
+    """The tests of one program as dictionaries. After a crash, or a test that takes too long, the next ones go on."""
+    name = program.relative_to(TREE / "tests").as_posix()
+    tests = []
+
+    def add(test, result, seconds, message):
+        tests.append({"program": name, "test": test, "result": result, "seconds": seconds, "message": message})
+        if result != "passed":
+            print(f"{result}: {name}: {test}\n{message[-4000:]}", flush=True)
+
+    try:
+        left = list_tests(program, test_filter)
+    except (OSError, subprocess.SubprocessError) as error:
+        add("(the program)", "failed", 0.0, f"cannot list its tests: {error}")
+        return tests
+    while left:
+        if run.left() < 5:
+            for test in left:
+                add(test, "failed", 0.0, "not run: no time left")
+            break
+        status, text, seconds = run.command([program, f"--gtest_filter={':'.join(left)}"], timeout)
+        done = results_in(text)
+        for test, result, test_seconds, printed in done:
+            if test_seconds is None:
+                printed += f"\nthe program ended here: exit status {status}\n"
+                if status < 0:
+                    printed += backtrace(run, program, test)
+            # What passing tests print tells how long things took; of the others all is kept.
+            add(test, result, test_seconds if test_seconds is not None else seconds,
+                printed[-2000:] if result == "passed" else printed)
+        before = len(left)
+        names = {test for test, *_ in done}
+        left = [test for test in left if test not in names]
+        if len(left) == before or (status != 0 and not left and all(r == "passed" for _, r, _, _ in done)):
+            add("(the program)", "failed", seconds, f"exit status {status}\n{text[-2000:]}")
+            break
+    return tests
+
+
+def stage_tests(run, about, args):
+    tests = []
+    for program in sorted(p for p in (TREE / "tests").glob("*/*") if p.is_file() and p != REFERENCES):
+        start = time.monotonic()
+        found = run_tests(run, program, args.filter, args.timeout)
+        tests += found
+        print(f"{program.relative_to(TREE)}: {len(found)} tests, {time.monotonic() - start:.1f} s", flush=True)
+        run.write("tests.json", about, "tests", tests)
+    count = {result: sum(test["result"] == result for test in tests) for result in ("passed", "failed", "skipped")}
+    print(f"{count['passed']} passed, {count['failed']} failed, {count['skipped']} skipped", flush=True)
+    run.ok = run.ok and count["passed"] > 0 and count["failed"] == 0 and count["skipped"] == 0
+
+
+def stage_references(run, about, args):
+    """Every reference scene, rendered on the GPU at many samples: a process each, so that what is done is kept."""
+    folders = [args.scenes] if args.scenes else [os.environ.get("GPURT_TEST_SCENES"), *SCENE_FOLDERS]
+    scenes = next((pathlib.Path(f).resolve() for f in folders if f and pathlib.Path(f).is_dir()), None)
+    if scenes is None or not REFERENCES.exists():
+        if args.scenes:
+            run.ok = False
+        print(f"no reference images: {'no ' + str(REFERENCES) if scenes else 'no folder of scenes found'}", flush=True)
+        return
+    cases = []
+    for test in list_tests(REFERENCES, "*"):
+        if run.left() < 5:
+            cases.append({"test": test, "result": "not run", "message": "no time left"})
+            continue
+        status, text, seconds = run.command([REFERENCES, f"--gtest_filter={test}"], args.timeout,
+                                            GPURT_TEST_DEVICE="cuda", GPURT_TEST_SPP=str(args.spp),
+                                            GPURT_TEST_SCENES=str(scenes))
+        lines = [line for line in text.splitlines() if " spp: relMSE " in line]
+        skipped = "[  SKIPPED ]" in text
+        result = "skipped" if skipped else "passed" if status == 0 else "failed"
+        cases.append({"test": test, "result": result, "seconds": round(seconds, 2), "line": "\n".join(lines),
+                      "message": "" if result == "passed" else text[-2000:]})
+        print(f"{result}: {lines[0] if lines else test} ({seconds:.1f} s)", flush=True)
+        if status != 0 and not lines:
+            print(text[-2000:], flush=True)
+        run.ok = run.ok and status == 0
+        run.write("references.json", {**about, "samples_per_pixel": args.spp}, "cases", cases)
+
+
+def stage_sanitizer(run, about, args):
+    sanitizer = find_program("compute-sanitizer")
+    if sanitizer is None:
+        print("no compute-sanitizer found", flush=True)
+        run.write("sanitizer.json", about, "runs", [])
+        return
+    results = []
+    for tool in args.sanitizer_tools.split(","):
+        for name, test_filter in SANITIZED.items():
+            program = TREE / "tests" / name
+            status, text, seconds = run.command(
+                [sanitizer, "--tool", tool, "--error-exitcode", "97", program, f"--gtest_filter={test_filter}"],
+                args.timeout, GPURT_TEST_SHORT="1")
+            summary = [line for line in text.splitlines() if "ERROR SUMMARY" in line or "RACECHECK SUMMARY" in line]
+            tests = [{"test": test, "result": result, "seconds": s} for test, result, s, _ in results_in(text)]
+            result = "passed" if status == 0 and tests else "failed"
+            results.append({"tool": tool, "program": name, "result": result, "exit_status": status,
+                            "summary": summary, "seconds": round(seconds, 1), "tests": tests,
+                            "message": "" if result == "passed" else text[:8000]})
+            print(f"{result}: {tool} over {name}: {len(tests)} tests, {seconds:.1f} s; {' '.join(summary)}", flush=True)
+            if result != "passed":
+                print(text[:4000], flush=True)
+                run.ok = False
+            run.write("sanitizer.json", about, "runs", results)
+
+
+def stage_bench(run, about, args):
+    with open(run.out / "bench.jsonl", "w", encoding="utf-8") as results:
+        for program in sorted(p for p in (TREE / "bench").glob("*") if p.is_file()):
+            status, text, _ = run.command([program, *args.bench_args.split()], args.timeout)
+            lines = [line for line in text.splitlines() if line.startswith("{")]
+            results.writelines(line + "\n" for line in lines)
+            print("\n".join(lines), flush=True)
+            if status != 0:
+                run.ok = False
+                print(f"failed: {program.relative_to(TREE)}: exit status {status}\n{text[-2000:]}", flush=True)
+
+
 def main():
+    stages = {"tests": stage_tests, "references": stage_references, "sanitizer": stage_sanitizer,
+              "bench": stage_bench}
     parser = argparse.ArgumentParser(prog="scripts/gpu run", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--filter", default=CUDA_FILTER, help="GoogleTest filter (default: %(default)s)")
-    parser.add_argument("--no-tests", action="store_true")
-    parser.add_argument("--no-bench", action="store_true")
+    parser.add_argument("--stages", default=",".join(stages), help="what to run, in order (default: %(default)s)")
+    parser.add_argument("--filter", default=CUDA_FILTER, help="GoogleTest filter of the tests (default: %(default)s)")
+    parser.add_argument("--scenes", help="folder of the reference scenes")
+    parser.add_argument("--spp", type=int, default=4096, help="samples of a reference image (default: %(default)s)")
+    parser.add_argument("--sanitizer-tools", default="memcheck", help="of memcheck, racecheck, initcheck, synccheck")
     parser.add_argument("--bench-args", default="", help="options for the benchmark programs, separated by spaces")
     parser.add_argument("--timeout", type=float, default=240, help="seconds for one program (default: %(default)s)")
+    parser.add_argument("--budget", type=float, default=86400, help="seconds for everything")
     args = parser.parse_args()
+    chosen = args.stages.split(",")
+    if not set(chosen) <= set(stages):
+        parser.error(f"--stages: choose of {', '.join(stages)}")
 
     out = pathlib.Path(os.environ.get("OUT") or ".gpu/out")
     out.mkdir(parents=True, exist_ok=True)
+    run = Run(out, args.budget)
     about = {"commit": (TREE / "commit").read_text().strip(), "device": device(),
              "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")}
     print(f"{about['device'] or 'no GPU found'}; commit {about['commit']}", flush=True)
-    tests, ok = [], True
-
-    with open(out / "log.txt", "w", encoding="utf-8") as log:
-        if not args.no_tests:
-            for program in sorted(p for p in (TREE / "tests").glob("*/*") if p.is_file()):
-                start = time.monotonic()
-                found = run_tests(program, args.filter, log, args.timeout)
-                tests += found
-                for test in found:
-                    if test["result"] != "passed":
-                        print(f"{test['result']}: {test['program']}: {test['test']}\n{test['message']}", flush=True)
-                print(f"{program.relative_to(TREE)}: {len(found)} tests, {time.monotonic() - start:.1f} s", flush=True)
-            (out / "tests.json").write_text(json.dumps({**about, "tests": tests}, indent=1) + "\n")
-        if not args.no_bench:
-            with open(out / "bench.jsonl", "w", encoding="utf-8") as results:
-                for program in sorted(p for p in (TREE / "bench").glob("*") if p.is_file()):
-                    status, text = run([program, *args.bench_args.split()], log, args.timeout)
-                    lines = [line for line in text.splitlines() if line.startswith("{")]
-                    results.writelines(line + "\n" for line in lines)
-                    print("\n".join(lines), flush=True)
-                    if status != 0:
-                        ok = False
-                        print(f"failed: {program.relative_to(TREE)}: exit status {status}\n{text[-2000:]}", flush=True)
-
-    count = {result: sum(test["result"] == result for test in tests) for result in ("passed", "failed", "skipped")}
-    if not args.no_tests:
-        print(f"{count['passed']} passed, {count['failed']} failed, {count['skipped']} skipped")
-        ok = ok and count["passed"] > 0 and count["failed"] == 0 and count["skipped"] == 0
-    return 0 if ok else 1
+    for stage in chosen:
+        start = time.monotonic()
+        stages[stage](run, about, args)
+        print(f"== {stage}: {time.monotonic() - start:.1f} s", flush=True)
+    return 0 if run.ok else 1
 
 
 if __name__ == "__main__":
