@@ -138,7 +138,9 @@ def run_tests(run, program, test_filter, timeout):
             for test in left:
                 add(test, "failed", 0.0, "not run: no time left")
             break
-        status, text, seconds = run.command([program, f"--gtest_filter={':'.join(left)}"], timeout)
+        # Line by line, so that what a test printed is there when it crashes.
+        by_line = ["stdbuf", "-oL"] if shutil.which("stdbuf") else []
+        status, text, seconds = run.command([*by_line, program, f"--gtest_filter={':'.join(left)}"], timeout)
         done = results_in(text)
         for test, result, test_seconds, printed in done:
             if test_seconds is None:
