@@ -43,7 +43,7 @@ struct InfoOptions {
   BuildOptions build_options;
 };
 
-void print_facts(const std::string &path, const gpurt_scene_facts &f)
+void print_facts(const std::string &path, const gpurt_scene_facts &f, bool with_build)
 {
   const auto line = [](const char *what, const std::string &value) { fmt::print("{:<14}{}\n", what, value); };
   const auto yes = [](uint32_t flag) { return std::string(flag ? "yes" : "no"); };
@@ -64,7 +64,7 @@ void print_facts(const std::string &path, const gpurt_scene_facts &f)
          fmt::format("({:.6g}, {:.6g}, {:.6g}) to ({:.6g}, {:.6g}, {:.6g})", f.bounds_min[0], f.bounds_min[1],
                      f.bounds_min[2], f.bounds_max[0], f.bounds_max[1], f.bounds_max[2]));
   }
-  if (!f.is_committed) return;
+  if (!with_build) return;
   line("accelerator",
        fmt::format("{}, {} in {}{}", name_of(f.accel), format_bytes(f.accel_bytes),
                    format_seconds(f.build_seconds), f.tree_from_cache ? " (tree from the cache)" : ""));
@@ -109,13 +109,14 @@ void print_state(const InfoOptions &o)
 void print_info(const InfoOptions &o)
 {
   if (extension_of(o.path) == ".gpurt") return print_state(o);
-  // Counting needs no GPU; building happens on the device that was asked for.
+  // A commit counts triangles, those of patches too. Counting needs no GPU; a build is shown as the device makes it.
   const Device device = o.device.create(o.build ? GPURT_DEVICE_AUTO : GPURT_DEVICE_CPU);
   const Scene scene = load_scene(device, o.path);
-  if (o.build) commit(scene, o.build_options);
-  const gpurt_scene_facts facts = facts_of(scene);
-  if (o.json) fmt::print("{}\n", to_json(facts).dump(2));
-  else print_facts(o.path, facts);
+  commit(scene, o.build_options);
+  gpurt_scene_facts facts = facts_of(scene);
+  if (!o.json) return print_facts(o.path, facts, o.build);
+  if (!o.build) facts.is_committed = 0;  // leaves out what was built
+  fmt::print("{}\n", to_json(facts).dump(2));
 }
 
 }  // namespace
@@ -137,10 +138,12 @@ void add_info_command(CLI::App &program)
       "\nExamples:\n  gpurt info city.glb\n  gpurt info city.glb --build --accel kdtree     what the tree is "
       "like\n  gpurt info part0.gpurt --json\n");
   command->add_option("file", o->path, "glTF 2.0 scene, or .gpurt state")->required()->type_name("FILE");
-  command->add_flag("--build", o->build, "build the acceleration structure too");
+  CLI::Option *build = command->add_flag("--build", o->build, "tell of the acceleration structure too");
   command->add_flag("--json", o->json, "print JSON");
   o->device.add_to(*command);
   o->build_options.add_to(*command);
+  for (const char *option : {"--device", "--accel", "--triangle-test", "--tree-cache"})
+    command->get_option(option)->needs(build);
   command->callback([o] { print_info(*o); });
 }
 

@@ -52,7 +52,7 @@ void Progress::update(double share)
     // Short work needs no lines in a log.
     if (elapsed < 5 || share < next_share_ || share >= 1) return;
     fmt::print(stderr, "{}: {:.0f} % after {}\n", what_, 100 * share, format_seconds(elapsed));
-    next_share_ = (std::floor(share * 10) + 1) / 10;
+    next_share_ = (std::round(share * 10) + 1) / 10;
     return;
   }
   constexpr int width = 30;

@@ -159,7 +159,10 @@ void run(RenderOptions o, const CLI::App &command)
   render.max_depth = o.max_depth;
   render.tile_size = o.tile;
   Job job;
-  check(gpurt_frame_submit(frame, &render, nullptr, 0, job.out()));
+  const gpurt_result submitted = gpurt_frame_submit(frame, &render, nullptr, 0, job.out());
+  if (submitted == GPURT_ERROR_UNSUPPORTED && o.pipeline != "auto")
+    fail("--pipeline {}: {}", o.pipeline, gpurt_last_error());
+  check(submitted);
   const bool was_interrupted = wait_with_progress(job, o.device.quiet);
 
   if (!o.state.empty()) check(gpurt_frame_save(frame, o.state.c_str()));
