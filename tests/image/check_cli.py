@@ -50,7 +50,7 @@ def case_help():
         text = run(command, "--help").stdout
         assert "Usage" in text and ("Example" in text or command == "devices"), command
     refused(2, "subcommand is required")
-    refused(2, "", "paint")
+    refused(2, "no command \"paint\"; the commands are devices", "paint")
 
 
 def case_wrong_usage():
@@ -63,7 +63,12 @@ def case_wrong_usage():
     refused(2, "excludes", "render", cornell, "-o", "a.png", "--spp", 4, "--error", 0.1)
     refused(2, "excludes", "render", cornell, "-o", "a.png", "--time", 4, "--error", 0.1)
     refused(2, "--error", "render", cornell, "-o", "a.png", "--error", "-1")
-    refused(2, "--spp", "render", cornell, "-o", "a.png", "--spp", 0)
+    for option, values in {"--spp": (0, -1, 1.5, "many"), "--seed": (-1, "9" * 20, "1e3"), "--first-sample": (-1,),
+                           "--width": (0, 65536), "--tile": (129, -1), "--threads": (4097, -1),
+                           "--time": ("nan", 0), "--max-depth": (-1,)}.items():
+        for value in values:
+            refused(2, option, "render", cornell, "-o", "a.png", option, value)
+    refused(2, "--accel requires --build", "info", cornell, "--accel", "kdtree")
     refused(2, "--device", "render", cornell, "-o", "a.png", "--device", "tpu")
     refused(2, "--pipeline", "render", cornell, "-o", "a.png", "--pipeline", "raster")
     refused(2, "lots", "render", cornell, "-o", "a.png", "--memory-limit", "lots")
@@ -83,7 +88,12 @@ def case_failures():
     refused(1, "absent.glb", "info", "absent.glb")
     refused(1, "absent.glb", "render", "absent.glb", "-o", "a.png", *CPU)
     refused(1, "no/such/folder", "render", cornell, "-o", "no/such/folder/a.png")
-    refused(1, "reyes", "render", cornell, "-o", "a.png", "--pipeline", "reyes", *CPU)
+    refused(1, "--pipeline reyes is not supported", "render", cornell, "-o", "a.png", "--pipeline", "reyes", *CPU)
+    refused(1, "use --accel kdtree", "render", cornell, "-o", "a.png", "--accel", "bvh", *CPU)
+    refused(1, "gpurt devices", "render", cornell, "-o", "a.png", "--device", "cuda:99")
+    (WORK / "folder.png").mkdir()
+    refused(1, "is a folder", "render", cornell, "-o", "folder.png")
+    refused(1, "is a folder", "trace", cornell, "--rays", "folder.png", "-o", "hits.bin", *CPU)
     refused(1, "--camera 3", "render", cornell, "-o", "a.png", "--camera", 3, *CPU)
     refused(1, "memory", "render", cornell, "-o", "a.png", "--memory-limit", "64K", *CPU)
     (WORK / "text.glb").write_text("this is no scene")
@@ -96,6 +106,7 @@ def case_failures():
     refused(1, "absent.glb", "verify", "absent.glb")
     refused(1, "absent.glb", "bench", "absent.glb", *CPU)
     assert not (WORK / "a.png").exists() and not (WORK / "hits.bin").exists()
+    assert not list(WORK.glob("*.tmp*")), "temporary files are left"
 
 
 def case_render():

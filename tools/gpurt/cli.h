@@ -40,10 +40,13 @@ template <class... Args>
   throw Failure(fmt::format(format, std::forward<Args>(args)...), exit_usage);
 }
 
+/// The library's text with the names of its C interface replaced by those of the options that set them.
+std::string in_options(std::string text);
+
 /// Throws the library's own text unless the call went well.
 inline void check(gpurt_result result)
 {
-  if (result != GPURT_OK) throw Failure(gpurt_last_error());
+  if (result != GPURT_OK) throw Failure(in_options(gpurt_last_error()));
 }
 
 template <class Handle, gpurt_result (*release)(Handle)>

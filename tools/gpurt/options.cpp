@@ -5,7 +5,10 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
+
+#include <unistd.h>
 
 namespace cli {
 
@@ -85,7 +88,9 @@ void DeviceOptions::add_to(CLI::App &command)
       ->check(CLI::Validator(check_device, "DEVICE"))
       ->type_name("DEVICE")
       ->capture_default_str();
-  command.add_option("--threads", threads, "CPU worker threads; 0: all")->capture_default_str();
+  command.add_option("--threads", threads, "CPU worker threads; 0: all")
+      ->check(CLI::Range(0, 4096))
+      ->capture_default_str();
   command
       .add_option("--memory-limit", memory_limit, "fail rather than hold more than this, such as 4G or 512M")
       ->type_name("SIZE");
@@ -103,15 +108,20 @@ Device DeviceOptions::create(gpurt_device_type type) const
   if (!memory_limit.empty()) desc.memory_limit_bytes = parse_bytes(memory_limit, "--memory-limit");
   if (!quiet) desc.log = print_message;
   Device created;
-  check(gpurt_device_create(&desc, created.out()));
+  const gpurt_result result = gpurt_device_create(&desc, created.out());
+  if ((result == GPURT_ERROR_DEVICE || result == GPURT_ERROR_UNSUPPORTED) && device != "auto")
+    fail("--device {}: {}; gpurt devices lists what there is", device, in_options(gpurt_last_error()));
+  check(result);
   return created;
 }
 
 void BuildOptions::add_to(CLI::App &command)
 {
   command
-      .add_option("--accel", accel,
-                  "acceleration structure: auto, kdtree (same bits on every device), embree (CPU) or bvh")
+      .add_option(
+          "--accel", accel,
+          "acceleration structure: auto, kdtree (same bits on every device), embree (CPU) or bvh (not "
+          "in this version)")
       ->check(one_of(accels))
       ->type_name("NAME")
       ->capture_default_str();
@@ -134,6 +144,34 @@ gpurt_build_desc BuildOptions::desc() const
   desc.triangle_test = gpurt_triangle_test(value_in(tests, triangle_test, "--triangle-test"));
   if (!tree_cache.empty()) desc.tree_cache_path = tree_cache.c_str();
   return desc;
+}
+
+std::string in_options(std::string text)
+{
+  constexpr std::pair<const char *, const char *> names[] = {
+      {"GPURT_ACCEL_AUTO", "--accel auto"},
+      {"GPURT_ACCEL_KDTREE", "--accel kdtree"},
+      {"GPURT_ACCEL_EMBREE", "--accel embree"},
+      {"GPURT_ACCEL_BVH", "--accel bvh"},
+      {"GPURT_PIPELINE_AUTO", "--pipeline auto"},
+      {"GPURT_PIPELINE_PATH", "--pipeline path"},
+      {"GPURT_PIPELINE_PHOTON", "--pipeline photon"},
+      {"GPURT_PIPELINE_REYES", "--pipeline reyes"},
+      {"GPURT_PIPELINE_HYBRID", "--pipeline hybrid"},
+      {"GPURT_TRIANGLE_WATERTIGHT", "--triangle-test watertight"},
+      {"GPURT_TRIANGLE_MOLLER_TRUMBORE", "--triangle-test moller-trumbore"},
+      {"GPURT_TRIANGLE_DOUBLE", "--triangle-test double"},
+      {"memory_limit_bytes", "--memory-limit"},
+      {"num_threads", "--threads"},
+      {"samples_per_pixel", "--spp"},
+      {"target_error", "--error"},
+      {"time_limit_s", "--time"},
+      {"max_depth", "--max-depth"}};
+  for (const auto &[name, option] : names) {
+    for (size_t at = 0; (at = text.find(name, at)) != std::string::npos; at += std::strlen(option))
+      text.replace(at, std::strlen(name), option);
+  }
+  return text;
 }
 
 Scene load_scene(gpurt_device device, const std::string &path)
@@ -264,8 +302,12 @@ void check_folder_of(const std::string &path)
   const std::filesystem::path folder = std::filesystem::path(path).parent_path();
   std::error_code error;
   if (!folder.empty() && !std::filesystem::is_directory(folder, error))
-    fail("{}: the folder {} does not exist", path, folder.string());
-  if (std::filesystem::is_directory(path, error)) fail("{}: is a folder", path);
+    fail("{}: the folder {} does not exist; make it first", path, folder.string());
+  if (std::filesystem::is_directory(path, error))
+    fail("{}: is a folder; name a file, such as one in it", path);
+  // Files are written beside their place and then moved there.
+  if (::access(folder.empty() ? "." : folder.c_str(), W_OK) != 0)
+    fail("{}: the folder {} is not writable", path, folder.empty() ? "." : folder.string());
 }
 
 }  // namespace cli

@@ -49,8 +49,9 @@ void Progress::update(double share)
   if (is_quiet_) return;
   const double elapsed = seconds();
   if (!is_terminal_) {
-    // Short work needs no lines in a log.
-    if (elapsed < 5 || share < next_share_ || share >= 1) return;
+    // Short work needs no lines in a log, and nothing needs many.
+    if (elapsed < next_seconds_ || share < next_share_ || share >= 1) return;
+    next_seconds_ = elapsed + 5;
     fmt::print(stderr, "{}: {:.0f} % after {}\n", what_, 100 * share, format_seconds(elapsed));
     next_share_ = (std::round(share * 10) + 1) / 10;
     return;

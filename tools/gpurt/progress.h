@@ -18,7 +18,7 @@ class Progress {
 
   std::string what_;
   bool is_quiet_, is_terminal_, has_bar_ = false;
-  double next_share_ = 0.1;  // of plain lines
+  double next_share_ = 0.1, next_seconds_ = 5;  // of plain lines
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 

@@ -143,8 +143,9 @@ void run(RenderOptions o, const CLI::App &command)
   if (add_default_camera(scene, o.build) && !o.device.quiet) {
     fmt::print(stderr, "gpurt: {} has no camera; looking at all of it from the front\n", o.scene);
   }
-  if (o.camera >= facts_of(scene).num_cameras)
-    fail("--camera {}: {} has {} cameras, counted from 0", o.camera, o.scene, facts_of(scene).num_cameras);
+  if (const uint32_t n = facts_of(scene).num_cameras; o.camera >= n)
+    fail("--camera {}: {} has {}, counted from 0: the last is --camera {}", o.camera, o.scene,
+         n == 1 ? "one camera" : fmt::format("{} cameras", n), n - 1);
   complete_size(desc, scene);
 
   Frame frame;
@@ -159,10 +160,7 @@ void run(RenderOptions o, const CLI::App &command)
   render.max_depth = o.max_depth;
   render.tile_size = o.tile;
   Job job;
-  const gpurt_result submitted = gpurt_frame_submit(frame, &render, nullptr, 0, job.out());
-  if (submitted == GPURT_ERROR_UNSUPPORTED && o.pipeline != "auto")
-    fail("--pipeline {}: {}", o.pipeline, gpurt_last_error());
-  check(submitted);
+  check(gpurt_frame_submit(frame, &render, nullptr, 0, job.out()));
   const bool was_interrupted = wait_with_progress(job, o.device.quiet);
 
   if (!o.state.empty()) check(gpurt_frame_save(frame, o.state.c_str()));
@@ -221,9 +219,8 @@ void add_render_command(CLI::App &program)
   samples->excludes(error)->excludes(time);
   error->excludes(time);
 
-  command
-      ->add_option("--tile", o->tile,
-                   "edge of a work unit in pixels, at most 128; 0: automatic; changes no bits")
+  command->add_option("--tile", o->tile, "edge of a work unit in pixels; 0: automatic; changes no bits")
+      ->check(CLI::Range(0, 128))
       ->capture_default_str();
   command->add_option("--max-depth", o->max_depth, "path length: 1 is emission alone, 2 direct light; 0: 17")
       ->capture_default_str();

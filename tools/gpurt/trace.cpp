@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <filesystem>
 
 #include "options.h"
 #include "progress.h"
@@ -65,6 +66,8 @@ class RayFile {
   explicit RayFile(const std::string &path) : path_(path), file_(std::fopen(path.c_str(), "rb"))
   {
     if (!file_) fail_io(path_, "cannot be read");
+    std::error_code error;
+    if (std::filesystem::is_directory(path_, error)) fail("{}: is a folder, no file of rays", path_);
     if (::fseeko(file_, 0, SEEK_END) != 0) fail_io(path_, "cannot be read");
     const off_t bytes = ::ftello(file_);
     if (bytes < 0 || ::fseeko(file_, 0, SEEK_SET) != 0) fail_io(path_, "cannot be read");
@@ -138,6 +141,7 @@ void run(const TraceOptions &o)
   if ((query == GPURT_QUERY_ALL) != !o.offsets.empty())
     fail_usage("--query all and --offsets FILE belong together");
   check_folder_of(o.output);
+  if (!o.offsets.empty()) check_folder_of(o.offsets);
   RayFile rays(o.rays);
   const Device device = o.device.create();
   const Scene scene = load_scene(device, o.scene);
