@@ -129,6 +129,12 @@ def case_render():
     run("render", cornell, "-o", "tiles.exr", "--width", 48, "--spp", 4, "--aov", "all", "--seed", 5, "--tile", 7,
         "--threads", 1, *CPU)
     assert (WORK / "tiles.exr").read_bytes() == exr, "tile size or threads changed the picture"
+    run("render", cornell, "-o", "dark.png", "-o", "b.exr", "--width", 48, "--spp", 4, "--aov", "all", "--seed", 5,
+        "--exposure", -3, "-q", *CPU)
+    assert (WORK / "b.exr").read_bytes() == exr, "exposure changed radiance"
+    # Fewer grey levels take fewer bytes.
+    assert (WORK / "dark.png").stat().st_size < (WORK / "a.png").stat().st_size
+    refused(2, "--exposure", "render", cornell, "-o", "a.png", "--exposure", "nan")
     assert not list(WORK.glob("*.tmp*")), "temporary files are left"
 
 
@@ -240,6 +246,7 @@ def case_scenes():
         run("scene", name, "-o", path, "--detail", 0.1, "--width", 24)
         done = run("render", path, "-o", f"little_{name}.png", "--spp", 1, *CPU)
         assert "24 x " in done.stdout, done.stdout
+    assert (WORK / "little_outdoor_sky.hdr").exists()
     assert run("scene", "cornell", "-o", "q.glb", "--quiet").stdout == ""
 
 

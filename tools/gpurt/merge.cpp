@@ -8,20 +8,15 @@ namespace {
 
 struct MergeOptions {
   std::string scene;
-  std::vector<std::string> parts, outputs;
+  std::vector<std::string> parts;
+  OutputOptions output;
   DeviceOptions device;
 };
 
 void run(const MergeOptions &o)
 {
-  if (o.outputs.empty()) fail_usage("no output: give -o FILE.exr, FILE.png or FILE.gpurt");
-  for (const std::string &path : o.outputs) {
-    const std::string extension = extension_of(path);
-    if (extension != ".exr" && extension != ".png" && extension != ".gpurt") {
-      fail_usage("-o {}: its extension is none of .exr, .png and .gpurt", path);
-    }
-    check_folder_of(path);
-  }
+  if (o.output.paths.empty()) fail_usage("no output: give -o FILE.exr, FILE.png or FILE.gpurt");
+  o.output.check_paths();
   gpurt_state_info info = GPURT_STATE_INFO_INIT;
   check(gpurt_state_read_info(o.parts[0].c_str(), &info));
 
@@ -45,8 +40,8 @@ void run(const MergeOptions &o)
   Frame frame;
   check(gpurt_frame_create(scene, &desc, frame.out()));
   for (const std::string &part : o.parts) check(gpurt_frame_load_state(frame, part.c_str()));
-  for (const std::string &path : o.outputs) check(gpurt_frame_save(frame, path.c_str()));
-  if (!o.device.quiet) print_summary(device, frame, o.outputs, "");
+  o.output.save(frame);
+  if (!o.device.quiet) print_summary(device, frame, o.output.paths, "");
 }
 
 }  // namespace
@@ -65,11 +60,7 @@ void add_merge_command(CLI::App &program)
       ->required()
       ->type_name("SCENE");
   command->add_option("parts", o->parts, ".gpurt files")->required()->type_name("PART...");
-  command
-      ->add_option("-o,--output", o->outputs,
-                   "file to write, .exr, .png or .gpurt; may be given several times")
-      ->allow_extra_args(false)
-      ->type_name("FILE");
+  o->output.add_to(*command);
   o->device.add_to(*command);
   command->callback([o] { run(*o); });
 }

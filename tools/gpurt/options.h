@@ -38,6 +38,17 @@ gpurt_device_properties properties_of(gpurt_device device);
 /// Adds a camera that sees everything to a committed scene without cameras, and commits again. True if it did.
 bool add_default_camera(gpurt_scene scene, const BuildOptions &options);
 
+/// -o of the commands that write pictures.
+struct OutputOptions {
+  std::vector<std::string> paths;
+  double exposure = 0;
+
+  void add_to(CLI::App &command);
+  /// Fails unless every file has a known extension and a folder that can be written to.
+  void check_paths() const;
+  void save(gpurt_frame frame) const;
+};
+
 /// "4G", "512M", "1.5GiB", "1000000": bytes, with units of 1024. Throws a usage failure.
 uint64_t parse_bytes(const std::string &text, const char *option);
 std::string format_bytes(uint64_t bytes);

@@ -14,7 +14,7 @@ namespace {
 
 struct RenderOptions {
   std::string scene;
-  std::vector<std::string> outputs;
+  OutputOptions output;
   DeviceOptions device;
   BuildOptions build;
   std::string pipeline = "auto";
@@ -28,7 +28,7 @@ struct RenderOptions {
 
 constexpr const char *examples = R"(
 Output goes by extension: .exr holds linear radiance and every --aov as a named layer, .png is tonemapped
-(x / (1 + x), sRGB), .gpurt holds the exact sums, to go on from later (--state) or to merge (gpurt merge).
+(x / (1 + x), sRGB, after --exposure), .gpurt holds the exact sums, to go on from later (--state) or to merge (gpurt merge).
 
 Examples:
   gpurt render cornell.glb -o cornell.png                     64 samples per pixel
@@ -80,15 +80,9 @@ void complete_size(gpurt_frame_desc &desc, gpurt_scene scene)
 
 void check_outputs(const RenderOptions &o)
 {
-  if (o.outputs.empty() && o.state.empty())
+  if (o.output.paths.empty() && o.state.empty())
     fail_usage("no output: give -o FILE.exr, FILE.png or FILE.gpurt, or --state FILE.gpurt");
-  for (const std::string &path : o.outputs) {
-    const std::string extension = extension_of(path);
-    if (extension != ".exr" && extension != ".png" && extension != ".gpurt") {
-      fail_usage("-o {}: its extension is none of .exr, .png and .gpurt", path);
-    }
-    check_folder_of(path);
-  }
+  o.output.check_paths();
   if (!o.state.empty() && extension_of(o.state) != ".gpurt")
     fail_usage("--state {}: its extension is not .gpurt", o.state);
   if (!o.state.empty()) check_folder_of(o.state);
@@ -164,9 +158,9 @@ void run(RenderOptions o, const CLI::App &command)
   const bool was_interrupted = wait_with_progress(job, o.device.quiet);
 
   if (!o.state.empty()) check(gpurt_frame_save(frame, o.state.c_str()));
-  for (const std::string &path : o.outputs) check(gpurt_frame_save(frame, path.c_str()));
+  o.output.save(frame);
   if (!o.stats.empty()) write_statistics(o.stats, o.scene, device, scene, frame);
-  if (!o.device.quiet) print_summary(device, frame, o.outputs, o.state);
+  if (!o.device.quiet) print_summary(device, frame, o.output.paths, o.state);
   if (was_interrupted) throw Failure("interrupted; what was rendered is saved", exit_interrupted);
 }
 
@@ -178,11 +172,7 @@ void add_render_command(CLI::App &program)
   CLI::App *command = program.add_subcommand("render", "Render a scene to EXR and PNG files");
   command->footer(examples);
   command->add_option("scene", o->scene, "glTF 2.0 file, .glb or .gltf")->required()->type_name("SCENE");
-  command
-      ->add_option("-o,--output", o->outputs,
-                   "file to write, .exr, .png or .gpurt; may be given several times")
-      ->allow_extra_args(false)
-      ->type_name("FILE");
+  o->output.add_to(*command);
   command->add_option("--pipeline", o->pipeline, "auto, path, photon, reyes or hybrid; this version has path")
       ->check(CLI::IsMember({"auto", "path", "photon", "reyes", "hybrid"}))
       ->type_name("NAME")

@@ -1,5 +1,5 @@
 // gpurt scene: writes generated scenes, so that there is something to render without any download.
-#include <chrono>
+#include <filesystem>
 
 #include "options.h"
 #include "report.h"
@@ -17,7 +17,7 @@ struct KnownScene {
 constexpr KnownScene known_scenes[] = {
     {"cornell", "the Cornell box, 32 triangles", scenes::make_cornell},
     {"glass", "glass, mirror and metal on a wooden table under a lamp", scenes::make_glass},
-    {"outdoor", "a valley with a pond and trees: about a million triangles, instanced, alpha masks",
+    {"outdoor", "a valley with a pond and trees under a sky: about a million triangles, instanced, textured",
      scenes::make_outdoor},
     {"furnace", "a closed sphere lit from its centre: radiance 1 everywhere", scenes::make_furnace},
     {"icosphere", "a grey sphere under a constant sky", scenes::make_icosphere},
@@ -29,19 +29,28 @@ struct SceneCommandOptions {
   bool quiet = false;
 };
 
-void run(const SceneCommandOptions &o)
+void run(SceneCommandOptions o)
 {
   if (extension_of(o.output) != ".glb") fail_usage("-o {}: its extension is not .glb", o.output);
   check_folder_of(o.output);
+  const std::filesystem::path output(o.output);
+  o.scene.stem = output.stem().string();
   for (const KnownScene &known : known_scenes) {
     if (o.name != known.name) continue;
     scenes::GlbWriter glb;
     known.make(glb, o.scene);
     const std::string bytes = glb.bytes();
+    std::string files;
+    for (const auto &[name, content] : glb.companions()) {
+      const std::string path = (output.parent_path() / name).string();
+      check_folder_of(path);
+      write_file(path, std::string(content.begin(), content.end()));
+      files += path + ", ";
+    }
     write_file(o.output, bytes);
     if (!o.quiet) {
-      fmt::print("{} triangles stored, {} seen, {}\nwrote {}\n", glb.num_stored_triangles(),
-                 glb.num_placed_triangles(), format_bytes(bytes.size()), o.output);
+      fmt::print("{} triangles stored, {} seen, {}\nwrote {}{}\n", glb.num_stored_triangles(),
+                 glb.num_placed_triangles(), format_bytes(bytes.size()), files, o.output);
     }
   }
 }

@@ -86,8 +86,8 @@ void make_glass(GlbWriter &glb, const SceneOptions &options)
   const int mirror = glb.add_mirror("mirror", {0.96, 0.96, 0.96});
   const int copper = glb.add_metal("copper", {0.93, 0.62, 0.48}, 0.28);
   const int gold = glb.add_metal("gold", {1.0, 0.78, 0.34}, 0.4);
-  const int lamp = glb.add_lamp("lamp", {30, 27.5, 24});
-  const int strip = glb.add_lamp("strip", {9, 12, 15});
+  const int lamp = glb.add_lamp("lamp", {9.5, 8.6, 7.4});
+  const int strip = glb.add_lamp("strip", {4.5, 6, 7.5});
 
   // The table runs on as a wall without an edge.
   Mesh floor = quad({-5, 0, 4}, {5, 0, 4}, {5, 0, -2.6}, {-5, 0, -2.6});
@@ -110,9 +110,21 @@ void make_glass(GlbWriter &glb, const SceneOptions &options)
 
   glb.place("goblet", glb.add_mesh("goblet", goblet(options.detail), glass), translation({-0.12, 0, 0.25}));
   glb.place("vase", glb.add_mesh("vase", vase(options.detail), clay), translation({1.42, 0, -0.35}));
-  // A copper plate leans against the wall.
-  glb.place("plate", glb.add_mesh("plate", box({-1.1, 0, -0.02}, {1.1, 1.3, 0.02}), copper),
-            translation({-0.75, 0, -1.75}) * rotation({0, 1, 0}, 0.18) * rotation({1, 0, 0}, -0.28));
+  // A looking-glass in a copper frame leans against the wall.
+  const Matrix leaning =
+      translation({-0.72, 0, -2.0}) * rotation({0, 1, 0}, 0.22) * rotation({1, 0, 0}, -0.05);
+  constexpr double half_width = 1.15, height = 1.5, rim = 0.06, depth = 0.05;
+  glb.place("looking-glass",
+            glb.add_mesh("looking-glass",
+                         quad({-half_width + rim, rim, 0}, {half_width - rim, rim, 0},
+                              {half_width - rim, height - rim, 0}, {-half_width + rim, height - rim, 0}),
+                         mirror),
+            leaning);
+  Mesh frame = box({-half_width, 0, -depth}, {half_width, rim, depth});
+  frame.append(box({-half_width, height - rim, -depth}, {half_width, height, depth}));
+  frame.append(box({-half_width, rim, -depth}, {-half_width + rim, height - rim, depth}));
+  frame.append(box({half_width - rim, rim, -depth}, {half_width, height - rim, depth}));
+  glb.place("frame", glb.add_mesh("frame", frame, copper), leaning);
   // A glass block.
   glb.place("block", glb.add_mesh("block", box({-0.16, 0, -0.16}, {0.16, 0.32, 0.16}), glass),
             translation({1.02, 0, 0.62}) * rotation({0, 1, 0}, 0.6));
@@ -127,9 +139,9 @@ void make_glass(GlbWriter &glb, const SceneOptions &options)
     glb.place(name,
               glb.add_mesh(name, quad(corner(1, -1), corner(-1, -1), corner(-1, 1), corner(1, 1)), material));
   };
-  place_lamp("lamp", lamp, {-1.6, 3.6, 1.9}, 0.75, 0.75);
-  place_lamp("strip", strip, {3.4, 1.9, 1.0}, 0.25, 1.1);
-  glb.set_environment({0.22, 0.26, 0.32});
+  place_lamp("lamp", lamp, {-1.7, 3.6, 1.9}, 1.35, 1.35);
+  place_lamp("strip", strip, {3.4, 1.9, 1.0}, 0.5, 1.1);
+  glb.set_environment({0.26, 0.30, 0.36});
   add_scene_camera(glb, options, look_at({0.25, 1.75, 4.9}, {0.05, 0.45, -0.1}), 0.50, 640, 480);
 }
 

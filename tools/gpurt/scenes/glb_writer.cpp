@@ -275,6 +275,12 @@ void GlbWriter::set_environment(Vec3 radiance)
   gltf_["scenes"][0]["extras"]["environment"] = {{"type", "constant"}, {"radiance", array_of(radiance)}};
 }
 
+void GlbWriter::set_environment(const std::string &file_name, std::vector<uint8_t> hdr)
+{
+  gltf_["scenes"][0]["extras"]["environment"] = {{"type", "latlong"}, {"image", file_name}, {"strength", 1}};
+  companions_.emplace_back(file_name, std::move(hdr));
+}
+
 std::string GlbWriter::bytes() const
 {
   std::string binary = binary_;

@@ -38,9 +38,13 @@ class GlbWriter {
   void add_directional_light(Vec3 shines_to, Vec3 irradiance);
   void add_point_light(Vec3 position, Vec3 intensity);
   void set_environment(Vec3 radiance);
+  /// A Radiance .hdr file in lat-long projection, which stays a file of its own beside the .glb.
+  void set_environment(const std::string &file_name, std::vector<uint8_t> hdr);
 
   /// The whole file.
   std::string bytes() const;
+  /// Files that the .glb names: to be written into its folder.
+  const std::vector<std::pair<std::string, std::vector<uint8_t>>> &companions() const { return companions_; }
 
   uint64_t num_stored_triangles() const { return num_stored_triangles_; }
   uint64_t num_placed_triangles() const { return num_placed_triangles_; }
@@ -56,6 +60,7 @@ class GlbWriter {
 
   Json gltf_;
   std::string binary_;
+  std::vector<std::pair<std::string, std::vector<uint8_t>>> companions_;
   std::vector<uint64_t> mesh_triangles_;
   uint64_t num_stored_triangles_ = 0, num_placed_triangles_ = 0;
 };

@@ -208,6 +208,27 @@ Mesh height_field(double x0, double z0, double x1, double z1, int n,
   return mesh;
 }
 
+Mesh part_of(const Mesh &mesh, const std::function<bool(Vec3)> &is_in)
+{
+  constexpr uint32_t unused = 0xffffffff;
+  std::vector<uint32_t> place(mesh.positions.size(), unused);
+  Mesh part;
+  for (std::array<uint32_t, 3> t : mesh.triangles) {
+    if (!is_in(mesh.positions[t[0]])) continue;
+    for (uint32_t &v : t) {
+      if (place[v] == unused) {
+        place[v] = uint32_t(part.positions.size());
+        part.positions.push_back(mesh.positions[v]);
+        if (!mesh.normals.empty()) part.normals.push_back(mesh.normals[v]);
+        if (!mesh.uvs.empty()) part.uvs.push_back(mesh.uvs[v]);
+      }
+      v = place[v];
+    }
+    part.triangles.push_back(t);
+  }
+  return part;
+}
+
 namespace {
 
 uint64_t mix_bits(uint64_t x)

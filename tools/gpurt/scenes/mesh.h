@@ -25,6 +25,12 @@ inline Vec3 cross(Vec3 a, Vec3 b)
 }
 inline double length(Vec3 v) { return std::sqrt(dot(v, v)); }
 inline Vec3 normalize(Vec3 v) { return v * (1 / length(v)); }
+/// 0 up to a, 1 from b on, smooth between.
+inline double smooth_step(double a, double b, double x)
+{
+  const double t = std::fmin(std::fmax((x - a) / (b - a), 0), 1);
+  return t * t * (3 - 2 * t);
+}
 inline Vec3 mix(Vec3 a, Vec3 b, double t) { return a * (1 - t) + b * t; }
 
 /// 3 rows of 4.
@@ -63,6 +69,9 @@ Mesh tube(const std::vector<Vec3> &path, const std::vector<double> &radii, int s
 /// height(x, z) over a rectangle of n x n cells, smooth, with uvs in [0, 1].
 Mesh height_field(double x0, double z0, double x1, double z1, int n,
                   const std::function<double(double, double)> &height);
+
+/// The triangles whose first corner `is_in` says yes to, with the vertices that they need.
+Mesh part_of(const Mesh &mesh, const std::function<bool(Vec3)> &is_in);
 
 /// Smooth noise with values in [-1, 1] and cells of size 1, and a sum of octaves of it, each half as large and high.
 double noise(Vec3 p, uint32_t seed = 0);

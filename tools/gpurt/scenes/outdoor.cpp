@@ -2,7 +2,9 @@
 // alpha masks on leaves.
 #include <algorithm>
 
+#include "plants.h"
 #include "scenes.h"
+#include "sky.h"
 #include "texture.h"
 
 namespace cli::scenes {
@@ -14,12 +16,6 @@ constexpr double water_level = -1.1;
 constexpr Vec3 pond{-5, 0, -6};
 constexpr Vec3 eye{5, 0, 20};
 
-double smooth_step(double a, double b, double x)
-{
-  const double t = std::clamp((x - a) / (b - a), 0.0, 1.0);
-  return t * t * (3 - 2 * t);
-}
-
 double pond_distance(double x, double z) { return std::hypot((x - pond.x) / 17, (z - pond.z) / 11); }
 
 double land(double x, double z)
@@ -29,32 +25,48 @@ double land(double x, double z)
                          0.06 * fractal_noise({x * 0.6, 1.5, z * 0.6}, 3, 7);
   // Hills close the view; the ridge is rougher than the slopes.
   const double ridge = 1 + 0.55 * fractal_noise({x * 0.03, 2.5, z * 0.03}, 5, 3);
-  const double hills = 24 * smooth_step(38, 88, r) * std::max(ridge, 0.2);
+  const double hills = 19 * smooth_step(38, 88, r) * std::max(ridge, 0.2);
   const double basin = -3.2 * (1 - smooth_step(0.45, 1.25, pond_distance(x, z)));
   return rolling + hills + basin;
 }
 
+// A square of the land.
+struct Area {
+  double center_x, center_z, half;
+  bool contains(double x, double z) const
+  {
+    return std::abs(x - center_x) < half && std::abs(z - center_z) < half;
+  }
+};
+
 // `y` and `slope` are those of the land there.
 Vec3 land_color(double x, double z, double y, double slope)
 {
-  const double n = fractal_noise({x * 0.25, 0.3, z * 0.25}, 4, 21), fine = noise({x * 3.1, 0.7, z * 3.1}, 23);
-  Vec3 color = mix({0.085, 0.115, 0.030}, {0.15, 0.145, 0.050}, smooth_step(-0.5, 0.7, n));
-  color = mix(color, {0.17, 0.125, 0.075},
-              smooth_step(0.35, 0.75, n + 0.5 * noise({x * 0.05, 0, z * 0.05}, 31)));  // bare earth
-  color = mix(color, Vec3{0.26, 0.245, 0.225} * (0.8 + 0.3 * n),
-              smooth_step(0.62, 0.95, slope + 0.1 * n));  // rock
-  color = mix(color, {0.23, 0.19, 0.12},
+  const double n = fractal_noise({x * 0.25, 0.3, z * 0.25}, 4, 21),
+               fine = fractal_noise({x * 2.1, 0.7, z * 2.1}, 5, 23);
+  Vec3 color = mix({0.055, 0.085, 0.020}, {0.115, 0.125, 0.036}, smooth_step(-0.6, 0.7, n + 0.5 * fine));
+  color =
+      mix(color, {0.145, 0.105, 0.062},
+          smooth_step(0.30, 0.60, n + 0.35 * fine + 0.5 * noise({x * 0.05, 0, z * 0.05}, 31)));  // bare earth
+  color = mix(color, Vec3{0.24, 0.225, 0.20} * (0.85 + 0.4 * n + 0.35 * fine),
+              smooth_step(0.80, 1.15, slope + 0.25 * n + 0.2 * fine));  // rock
+  color = mix(color, {0.20, 0.165, 0.105},
               1 - smooth_step(water_level + 0.1, water_level + 0.55, y + 0.1 * n));  // shore
-  return color * (1 + 0.18 * fine);
+  // Pebbles on the shore.
+  const double pebble = noise({x * 7, 0.1, z * 7}, 51);
+  if (y < water_level + 0.5) color = color * (1 + 0.5 * smooth_step(0.25, 0.4, pebble));
+  return color * std::max(1 + 0.45 * fine, 0.3);
 }
 
-std::vector<uint8_t> land_image(int size)
+std::vector<uint8_t> land_image(const Area &area, int size)
 {
-  const double step = 2 * half_size / size;
-  std::vector<double> heights;  // at texel centres
+  const double step = 2 * area.half / size;
+  const auto x_of = [&](double i) { return area.center_x + (i + 0.5) * step - area.half; };
+  const auto z_of = [&](double j) { return area.center_z + (j + 0.5) * step - area.half; };
+  // Slopes are those over 40 cm.
+  std::vector<double> heights;
   for (int j = 0; j < size; ++j) {
-    for (int i = 0; i < size; ++i)
-      heights.push_back(land((i + 0.5) * step - half_size, (j + 0.5) * step - half_size));
+    for (int i = 0; i < size; ++i) heights.push_back(land(x_of(i), z_of(j)));
   }
   const auto height = [&](int i, int j) {
     return heights[size_t(std::clamp(j, 0, size - 1)) * size_t(size) + size_t(std::clamp(i, 0, size - 1))];
@@ -64,124 +76,8 @@ std::vector<uint8_t> land_image(int size)
     const double slope =
         std::hypot(height(i + reach, j) - height(i - reach, j), height(i, j + reach) - height(i, j - reach)) /
         (2 * reach * step);
-    return Texel{land_color((2 * u - 1) * half_size, (2 * v - 1) * half_size, height(i, j), slope)};
+    return Texel{land_color(x_of(i), z_of(j), height(i, j), slope)};
   });
-}
-
-// Bark and leaves of one tree.
-struct Tree {
-  Mesh wood, leaves;
-};
-
-// A leaf card: a quad that stands on `foot`, `up` long, `side` to each side.
-void add_card(Mesh &mesh, Vec3 foot, Vec3 up, Vec3 side)
-{
-  mesh.add_quad(foot - side, foot + side, foot + side + up, foot - side + up);
-}
-
-Vec3 any_perpendicular(Vec3 d, double angle)
-{
-  const Vec3 u = normalize(cross(d, std::abs(d.y) < 0.9 ? Vec3{0, 1, 0} : Vec3{1, 0, 0})), v = cross(d, u);
-  return u * std::cos(angle) + v * std::sin(angle);
-}
-
-void grow_branch(Tree &tree, Sequence &random, Vec3 start, Vec3 direction, double reach, double radius,
-                 int level, double detail)
-{
-  // Bends upwards a little, with chance.
-  std::vector<Vec3> path = {start};
-  std::vector<double> radii = {radius};
-  const int segments = level == 0 ? 7 : 4;
-  Vec3 d = direction;
-  for (int i = 0; i < segments; ++i) {
-    const double wander = level == 0 ? 0.10 : 0.22;
-    d = normalize(d + Vec3{random.range(-wander, wander),
-                           random.range(-wander, wander) + (level == 0 ? 0.05 : 0.10),
-                           random.range(-wander, wander)});
-    path.push_back(path.back() + d * (reach / segments));
-    radii.push_back(radius * (1 - 0.82 * (i + 1) / segments));
-  }
-  const int sides = std::max(3, int(std::lround((level == 0 ? 10 : level == 1 ? 6 : 4) * std::sqrt(detail))));
-  tree.wood.append(tube(path, radii, sides));
-
-  const auto point_at = [&](double t) {
-    const double s = t * segments;
-    const auto i = size_t(std::min(int(s), segments - 1));
-    return mix(path[i], path[i + 1], s - double(i));
-  };
-  if (level == 2) {
-    const int num_cards = std::max(2, int(std::lround(10 * detail)));
-    for (int k = 0; k < num_cards; ++k) {
-      const double t = 0.25 + 0.75 * (k + random.next()) / num_cards;
-      const Vec3 up = normalize(d * 0.7 + any_perpendicular(d, random.range(0, 2 * pi)) + Vec3{0, 0.25, 0});
-      const double size = random.range(0.65, 1.0);
-      add_card(tree.leaves, point_at(t), up * size,
-               any_perpendicular(up, random.range(0, 2 * pi)) * (0.5 * size));
-    }
-    return;
-  }
-  const int num_children = level == 0 ? 13 : 7;
-  double angle = random.range(0, 2 * pi);
-  for (int k = 0; k < num_children; ++k) {
-    const double t =
-        (level == 0 ? 0.34 : 0.30) + (level == 0 ? 0.64 : 0.68) * (k + 0.5 * random.next()) / num_children;
-    angle += 2.4;  // the golden angle, as plants have it
-    const Vec3 side = any_perpendicular(level == 0 ? Vec3{0, 1, 0} : d, angle + random.range(-0.3, 0.3));
-    const Vec3 forward = level == 0 ? Vec3{0, 1, 0} : d;
-    const double spread = level == 0 ? 1.25 - 0.55 * t : 1.0;
-    const double length_factor = level == 0 ? 0.58 * (1.15 - t * 0.75) : 0.42;
-    grow_branch(tree, random, point_at(t), normalize(side * spread + forward * 0.75),
-                reach * length_factor * random.range(0.8, 1.2),
-                radius * (level == 0 ? 0.36 * (1.2 - 0.6 * t) : 0.42), level + 1, detail);
-  }
-}
-
-Tree broad_leaved_tree(uint64_t seed, double height, double detail)
-{
-  Tree tree;
-  Sequence random(seed);
-  grow_branch(tree, random, {0, -0.3, 0}, {0, 1, 0}, height, height * 0.026, 0, detail);
-  return tree;
-}
-
-Tree fir_tree(uint64_t seed, double height, double detail)
-{
-  Tree tree;
-  Sequence random(seed);
-  std::vector<Vec3> path;
-  std::vector<double> radii;
-  for (int i = 0; i <= 8; ++i) {
-    path.push_back({0.02 * height * noise({i * 0.6, seed * 1.7, 0}), height * i / 8 - 0.3,
-                    0.02 * height * noise({0, i * 0.6, seed * 2.3})});
-    radii.push_back(height * 0.018 * (1 - 0.97 * i / 8.0));
-  }
-  tree.wood = tube(path, radii, 9);
-  const int num_whorls = std::max(6, int(std::lround(26 * detail)));
-  for (int w = 0; w < num_whorls; ++w) {
-    const double t = 0.12 + 0.87 * w / num_whorls;
-    const double reach = height * 0.27 * std::pow(1 - t, 0.75) + 0.18;
-    const int num_branches = std::max(4, int(std::lround((6 + 5 * (1 - t)) * detail)));
-    const double turn = random.range(0, 2 * pi);
-    for (int k = 0; k < num_branches; ++k) {
-      const double angle = turn + 2 * pi * (k + random.range(-0.25, 0.25)) / num_branches;
-      const Vec3 out{std::cos(angle), 0, std::sin(angle)};
-      const Vec3 foot{0, height * t + random.range(-0.1, 0.1) * height / num_whorls, 0};
-      const double length_here = reach * random.range(0.8, 1.1), droop = random.range(0.10, 0.28);
-      // Two pieces: out and down, then level, once flat and once on edge.
-      const Vec3 knee = foot + out * (0.55 * length_here) + Vec3{0, -droop * 0.55 * length_here, 0};
-      const Vec3 tip = knee + out * (0.45 * length_here) + Vec3{0, -droop * 0.15 * length_here, 0};
-      const Vec3 flat = cross(out, {0, 1, 0}) * (0.30 * length_here);
-      for (const Vec3 &side : {flat, Vec3{0, 0.20 * length_here, 0}}) {
-        const auto first = uint32_t(tree.leaves.positions.size());
-        tree.leaves.positions.insert(tree.leaves.positions.end(), {foot - side, foot + side, knee - side,
-                                                                   knee + side, tip - side, tip + side});
-        tree.leaves.uvs.insert(tree.leaves.uvs.end(), {{0, 1}, {0, 0}, {0.55, 1}, {0.55, 0}, {1, 1}, {1, 0}});
-        for (uint32_t i = first; i < first + 4; i += 2)
-          tree.leaves.triangles.insert(tree.leaves.triangles.end(), {{i, i + 2, i + 3}, {i, i + 3, i + 1}});
-      }
-    }
-  }
-  return tree;
 }
 
 Mesh rock(uint32_t seed, int subdivisions)
@@ -210,54 +106,13 @@ Mesh rock(uint32_t seed, int subdivisions)
   return mesh;
 }
 
-// Crossed quads with blades on them.
-Mesh grass_tuft(uint64_t seed)
-{
-  Mesh mesh;
-  Sequence random(seed);
-  for (int k = 0; k < 7; ++k) {
-    const double angle = random.range(0, pi), size = random.range(0.18, 0.36);
-    const Vec3 side = Vec3{std::cos(angle), 0, std::sin(angle)} * (0.6 * size);
-    const Vec3 foot{random.range(-0.25, 0.25), -0.03, random.range(-0.25, 0.25)};
-    add_card(mesh, foot, Vec3{random.range(-0.2, 0.2), 1, random.range(-0.2, 0.2)} * size, side);
-  }
-  return mesh;
-}
-
-// The pond as a closed solid: a wavy top over a box that ends below the ground.
+// The pond's surface, with ripples; the land hides its rim.
 Mesh water(int n)
 {
-  const double x0 = pond.x - 26, x1 = pond.x + 26, z0 = pond.z - 18, z1 = pond.z + 18,
-               bottom = water_level - 6;
-  const auto height = [](double x, double z) {
-    // Still at the rim, where the sides begin.
-    return water_level + 0.010 * fractal_noise({x * 0.9, 0.2, z * 2.2}, 3, 61);
-  };
-  Mesh mesh = height_field(x0, z0, x1, z1, n, height);
+  Mesh mesh = height_field(pond.x - 26, pond.z - 18, pond.x + 26, pond.z + 18, n, [](double x, double z) {
+    return water_level + 0.012 * fractal_noise({x * 0.7, 0.2, z * 1.9}, 3, 61);
+  });
   mesh.uvs.clear();
-  const auto add_side = [&](Vec3 from, Vec3 to) {
-    // Shares the rim of the top, vertex by vertex, so that the solid is closed.
-    for (int i = 0; i < n; ++i) {
-      Vec3 a = mix(from, to, double(i) / n), b = mix(from, to, double(i + 1) / n);
-      a.y = height(a.x, a.z);
-      b.y = height(b.x, b.z);
-      const Vec3 normal = normalize(cross(b - a, Vec3{0, 1, 0}));
-      const auto first = uint32_t(mesh.positions.size());
-      mesh.positions.insert(mesh.positions.end(), {{a.x, bottom, a.z}, {b.x, bottom, b.z}, b, a});
-      mesh.normals.insert(mesh.normals.end(), 4, normal);
-      mesh.triangles.insert(mesh.triangles.end(),
-                            {{first, first + 1, first + 2}, {first, first + 2, first + 3}});
-    }
-  };
-  add_side({x0, 0, z1}, {x1, 0, z1});
-  add_side({x1, 0, z1}, {x1, 0, z0});
-  add_side({x1, 0, z0}, {x0, 0, z0});
-  add_side({x0, 0, z0}, {x0, 0, z1});
-  const auto first = uint32_t(mesh.positions.size());
-  mesh.positions.insert(mesh.positions.end(),
-                        {{x0, bottom, z0}, {x1, bottom, z0}, {x1, bottom, z1}, {x0, bottom, z1}});
-  mesh.normals.insert(mesh.normals.end(), 4, {0, -1, 0});
-  mesh.triangles.insert(mesh.triangles.end(), {{first, first + 1, first + 2}, {first, first + 2, first + 3}});
   return mesh;
 }
 
@@ -275,52 +130,70 @@ void make_outdoor(GlbWriter &glb, const SceneOptions &options)
   const double detail = options.detail;
   const auto scaled = [&](int n, int least) { return std::max(least, int(std::lround(n * detail))); };
 
-  // Land: the texture holds the colours of the whole of it.
-  const int land_texture = glb.add_texture("land", land_image(std::clamp(scaled(2048, 64), 64, 2048)), false);
-  const int ground = glb.add_lambert("ground", {1, 1, 1}, land_texture);
-  glb.place(
-      "land",
-      glb.add_mesh("land", height_field(-half_size, -half_size, half_size, half_size, scaled(400, 16), land),
-                   ground));
+  // Land: a coarse texture on all of it, and a fine one around the eye, on whole cells of the mesh.
+  const int num_cells = scaled(400, 16);
+  const double cell = 2 * half_size / num_cells;
+  const Area far{0, 0, half_size}, near{0, 0, std::round(22.5 / cell) * cell};
+  const Mesh ground = height_field(-half_size, -half_size, half_size, half_size, num_cells, land);
+  // A cell belongs where its corner of lowest coordinates lies.
+  const auto is_near = [&](Vec3 p) { return near.contains(p.x + 0.5 * cell, p.z + 0.5 * cell); };
+  const Mesh far_ground = part_of(ground, [&](Vec3 p) { return !is_near(p); });
+  Mesh near_ground = part_of(ground, is_near);
+  for (size_t i = 0; i < near_ground.positions.size(); ++i) {
+    const Vec3 p = near_ground.positions[i];
+    near_ground.uvs[i] = {0.5 + 0.5 * p.x / near.half, 0.5 + 0.5 * p.z / near.half};
+  }
+  const int far_texture =
+      glb.add_texture("land", land_image(far, std::clamp(scaled(1024, 64), 64, 2048)), false);
+  const int near_texture =
+      glb.add_texture("near land", land_image(near, std::clamp(scaled(1536, 64), 64, 2048)), false);
+  glb.place("land",
+            glb.add_mesh("land", {{&far_ground, glb.add_lambert("land", {1, 1, 1}, far_texture)},
+                                  {&near_ground, glb.add_lambert("near land", {1, 1, 1}, near_texture)}}));
+  // Deep and dark water sends back what its surface reflects, 2 % straight on and all at grazing angles.
   glb.place("pond",
-            glb.add_mesh("pond", water(scaled(96, 8)), glb.add_glass("water", {0.93, 0.97, 0.96}, 1.33)));
+            glb.add_mesh("pond", water(scaled(160, 8)), glb.add_metal("water", {0.02, 0.024, 0.024}, 0.06)));
 
-  // Trees: three kinds, each stored once or twice and placed many times.
+  // Trees: each kind is stored twice, and once with fewer twigs for the forest on the hills, and placed many times.
   const int bark_material = glb.add_lambert("bark", {1, 1, 1}, glb.add_texture("bark", bark(256), true));
   const int leaf_material = glb.add_mask("leaves", glb.add_texture("leaves", leaf_twig(256), false));
   const int needle_material = glb.add_mask("needles", glb.add_texture("needles", needle_twig(256), false));
-  std::vector<int> trees;
   const double tree_detail = std::max(detail, 0.2);
-  for (uint64_t seed : {1, 2}) {
-    const Tree tree = broad_leaved_tree(seed, 9, tree_detail);
-    trees.push_back(
-        glb.add_mesh("broad-leaved tree", {{&tree.wood, bark_material}, {&tree.leaves, leaf_material}}));
-  }
-  for (uint64_t seed : {3, 4}) {
-    const Tree tree = fir_tree(seed, 12, tree_detail);
-    trees.push_back(glb.add_mesh("fir", {{&tree.wood, bark_material}, {&tree.leaves, needle_material}}));
-  }
+  const auto add_tree = [&](const char *name, const Tree &tree, int leaves) {
+    return glb.add_mesh(name, {{&tree.wood, bark_material}, {&tree.leaves, leaves}});
+  };
+  std::vector<int> broad, fir;
+  for (uint64_t seed : {1, 2})
+    broad.push_back(add_tree("broad-leaved tree", broad_leaved_tree(seed, 9, tree_detail), leaf_material));
+  for (uint64_t seed : {3, 4})
+    fir.push_back(add_tree("fir", fir_tree(seed, 12, tree_detail), needle_material));
+  const int far_fir = add_tree("far fir", fir_tree(5, 12, 0.55 * tree_detail), needle_material);
+  const int far_broad = add_tree("far tree", broad_leaved_tree(6, 9, 0.5 * tree_detail), leaf_material);
   Sequence random(2009);
   // A few stand where they frame the view, the others by chance, denser up the hills.
-  glb.place("tree", trees[0], upright(13.0, 4.0, 0, 0.4, 1.15));
-  glb.place("tree", trees[1], upright(-17.5, 2.0, 0, 2.0, 1.05));
-  glb.place("tree", trees[2], upright(9.5, -24.0, 0, 1.0, 1.1));
-  glb.place("tree", trees[3], upright(-24.0, -20.0, 0, 4.0, 1.2));
-  const int num_trees = scaled(105, 4);
+  glb.place("tree", broad[0], upright(14.5, 2.0, 0, 0.4, 1.25));
+  glb.place("tree", broad[1], upright(-19.5, -4.0, 0, 2.0, 1.15));
+  glb.place("tree", fir[0], upright(10.5, -24.0, 0, 1.0, 1.1));
+  glb.place("tree", fir[1], upright(-24.0, -20.0, 0, 4.0, 1.2));
+  glb.place("tree", fir[0], upright(-21.5, -24.0, 0, 2.5, 0.8));
+  const int num_trees = scaled(190, 4);
   for (int placed = 0, tries = 0; placed < num_trees && tries < 100000; ++tries) {
     const double x = random.range(-84, 84), z = random.range(-84, 40), r = std::hypot(x, z);
     const double chance = random.next(), scale = random.range(0.7, 1.35), turn = random.range(0, 2 * pi);
     const bool in_view = std::abs(x - eye.x) < 9 && z > -12;
     if (!is_dry(x, z, 0.5) || in_view || pond_distance(x, z) < 1.35 || chance > smooth_step(10, 60, r))
       continue;
+    const bool is_far = std::hypot(x - eye.x, z - eye.z) > 55;
     const bool is_fir =
         fractal_noise({x * 0.03, 4, z * 0.03}, 2, 77) + 0.012 * (r - 40) + random.range(-0.3, 0.3) > 0;
-    glb.place("tree", trees[size_t(is_fir ? 2 + placed % 2 : placed % 2)], upright(x, z, 0.05, turn, scale));
+    const auto &kind = is_fir ? fir : broad;
+    const int tree = is_far ? (is_fir ? far_fir : far_broad) : kind[size_t(placed % 2)];
+    glb.place("tree", tree, upright(x, z, 0.05, turn, scale));
     placed++;
   }
 
   std::vector<int> rocks;
-  const int stone = glb.add_lambert("stone", {0.30, 0.285, 0.265});
+  const int stone = glb.add_lambert("stone", {0.20, 0.19, 0.175});
   for (uint32_t seed : {1u, 2u, 3u})
     rocks.push_back(
         glb.add_mesh("rock", rock(seed, std::clamp(4 + int(std::lround(std::log2(detail))), 1, 5)), stone));
@@ -339,24 +212,33 @@ void make_outdoor(GlbWriter &glb, const SceneOptions &options)
     placed++;
   }
 
-  std::vector<int> tufts;
+  std::vector<int> tufts, blossoms;
   const int blades = glb.add_mask("grass", glb.add_texture("grass", grass_blades(256), false));
+  const int petals = glb.add_mask("flowers", glb.add_texture("flowers", flowers(256), false));
   for (uint64_t seed : {1, 2, 3}) tufts.push_back(glb.add_mesh("grass", grass_tuft(seed), blades));
-  const int num_tufts = scaled(3000, 20);
+  for (uint64_t seed : {1, 2}) blossoms.push_back(glb.add_mesh("flowers", flower_tuft(seed), petals));
+  const int num_tufts = scaled(6500, 20);
   for (int placed = 0, tries = 0; placed < num_tufts && tries < 1000000; ++tries) {
     // Thinner with the distance from the eye.
-    const double distance = 2.5 + 28 * random.next(), angle = random.range(-0.7, 0.7);
+    const double distance = 2.2 + 30 * std::pow(random.next(), 1.3), angle = random.range(-0.75, 0.75);
     const double x = eye.x + distance * std::sin(angle), z = eye.z - distance * std::cos(angle);
-    const double turn = random.range(0, 2 * pi), scale = random.range(0.7, 1.35);
-    if (!is_dry(x, z, 0.3) || fractal_noise({x * 0.22, 9, z * 0.22}, 3, 41) < 0.1) continue;
-    glb.place("grass", tufts[size_t(placed % 3)], upright(x, z, 0, turn, scale));
+    const double turn = random.range(0, 2 * pi), scale = random.range(0.7, 1.3), chance = random.next();
+    if (!is_dry(x, z, 0.35)) continue;
+    // Meadows of long grass with short grass between them.
+    const double growth = smooth_step(-0.25, 0.35, fractal_noise({x * 0.22, 9, z * 0.22}, 3, 41));
+    if (chance > 0.35 + 0.65 * growth) continue;
+    const bool has_flowers = placed % 16 == 0 && growth > 0.2;
+    glb.place(has_flowers ? "flowers" : "grass",
+              has_flowers ? blossoms[size_t(placed / 16 % 2)] : tufts[size_t(placed % 3)],
+              upright(x, z, 0, turn, scale * (0.35 + 0.75 * growth)));
     placed++;
   }
 
-  glb.add_directional_light({0.55, -0.62, -0.56}, {10.5, 9.2, 7.2});
-  glb.set_environment({0.75, 1.05, 1.55});
+  const Vec3 to_sun = normalize({-0.72, 0.62, 0.42});
+  glb.add_directional_light(to_sun * -1, {15, 12.9, 9.8});
+  glb.set_environment(options.stem + "_sky.hdr", make_sky(1024, 512, to_sun));
   const Vec3 from{eye.x, land(eye.x, eye.z) + 2.6, eye.z};
-  add_scene_camera(glb, options, look_at(from, {-1.5, 0.9, -10}), 0.70, 768, 432);
+  add_scene_camera(glb, options, look_at(from, {-1.5, 1.6, -10}), 0.70, 768, 432);
 }
 
 }  // namespace cli::scenes

@@ -8,6 +8,7 @@ namespace cli::scenes {
 struct SceneOptions {
   int width = 0, height = 0;  // of the camera; 0: the scene's own
   double detail = 1;          // scales the number of triangles along an edge
+  std::string stem;           // of the file's name, for files that go beside it
 };
 
 void make_cornell(GlbWriter &glb, const SceneOptions &options);

@@ -16,12 +16,6 @@ uint8_t to_srgb8(double x)
   return uint8_t(std::lround(255 * (x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055)));
 }
 
-double smooth_step(double a, double b, double x)
-{
-  const double t = std::clamp((x - a) / (b - a), 0.0, 1.0);
-  return t * t * (3 - 2 * t);
-}
-
 // Where a point lies along a segment: distance from it, and the share of its length.
 struct Along {
   double distance, t;
@@ -175,6 +169,33 @@ std::vector<uint8_t> grass_blades(int size)
       const double x = blade.x + blade.lean * t * t;
       if (std::abs(u - x) < blade.width * (1 - t * t))
         texel = {Vec3{0.20, 0.29, 0.065} * (blade.tone * (0.6 + 0.5 * t)) + Vec3{0.05, 0.03, 0} * (t * t), 1};
+    }
+    return texel;
+  });
+}
+
+std::vector<uint8_t> flowers(int size)
+{
+  struct Flower {
+    double x, height, lean, radius;
+    Vec3 petals;
+  };
+  std::vector<Flower> all;
+  Sequence random(29);
+  const Vec3 colors[] = {{0.86, 0.84, 0.80}, {0.85, 0.60, 0.06}, {0.42, 0.20, 0.62}};
+  for (int i = 0; i < 9; ++i) {
+    all.push_back({random.range(0.2, 0.8), random.range(0.5, 0.88), random.range(-0.12, 0.12),
+                   random.range(0.045, 0.075), colors[i % 3]});
+  }
+  return make_png(size, size, true, [all](double u, double v) {
+    Texel texel{{0.10, 0.17, 0.035}, 0};
+    for (const Flower &flower : all) {
+      const double t = (1 - v) / flower.height;
+      if (t < 1 && std::abs(u - flower.x - flower.lean * t * t) < 0.009) texel = {{0.10, 0.19, 0.045}, 1};
+      const double dx = u - flower.x - flower.lean, dy = v - 1 + flower.height, r = std::hypot(dx, dy);
+      const double petal = flower.radius * (0.78 + 0.22 * std::cos(7 * std::atan2(dy, dx)));
+      if (r < petal) texel = {flower.petals * (0.7 + 0.3 * r / petal), 1};
+      if (r < 0.32 * flower.radius) texel = {{0.75, 0.45, 0.04}, 1};
     }
     return texel;
   });

@@ -28,5 +28,7 @@ std::vector<uint8_t> leaf_twig(int size);
 std::vector<uint8_t> needle_twig(int size);
 /// Blades of grass that stand on the bottom edge.
 std::vector<uint8_t> grass_blades(int size);
+/// Stems with white and yellow flowers that stand on the bottom edge.
+std::vector<uint8_t> flowers(int size);
 
 }  // namespace cli::scenes
