@@ -3,6 +3,7 @@
 #include <tbb/task_group.h>
 
 #include <algorithm>
+#include <cstring>
 #include <mutex>
 
 #include "accel/tracked_array.h"
@@ -69,18 +70,24 @@ float move_origin(const EmbreeView &v, TraceRay &ray)
   return t;
 }
 
-// Adding +0 turns -0 into +0 (prepare_ray).
-void set_ray(Vec3f origin, Vec3f direction, float tmin, float tmax, RTCRay &ray)
+typedef float Floats __attribute__((vector_size(16)));
+
+// Origin, tmin, direction and tmax of a Ray or a TraceRay. Embree reads an origin with tnear and a direction as one
+// vector each: written as such, they need not wait for each other. Adding +0 turns -0 into +0 (prepare_ray).
+template <class AnyRay>
+void set_ray(const AnyRay &r, RTCRay &ray)
 {
-  ray.org_x = origin.x + 0.0f;
-  ray.org_y = origin.y + 0.0f;
-  ray.org_z = origin.z + 0.0f;
-  ray.tnear = tmin;
-  ray.dir_x = direction.x + 0.0f;
-  ray.dir_y = direction.y + 0.0f;
-  ray.dir_z = direction.z + 0.0f;
-  ray.time = 0.0f;
-  ray.tfar = tmax;
+  static_assert(offsetof(AnyRay, tmin) == 12 && offsetof(AnyRay, direction) == 16 &&
+                offsetof(AnyRay, tmax) == 28);
+  static_assert(offsetof(RTCRay, tnear) == 12 && offsetof(RTCRay, dir_x) == 16 &&
+                offsetof(RTCRay, time) == 28);
+  Floats half[2];
+  std::memcpy(half, &r, sizeof half);
+  half[0] += 0.0f;
+  half[1] += 0.0f;
+  half[1][3] = 0.0f;  // time
+  std::memcpy(&ray, half, sizeof half);
+  ray.tfar = r.tmax;
   ray.mask = 0xffffffffu;
   ray.id = 0;
   ray.flags = 0;
@@ -113,7 +120,7 @@ void closest(const CpuAccel &accel, const Ray *rays, Hit *hits, uint32_t n)
     query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
     if (is_plain(ray)) {
-      set_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, query.ray);
+      set_ray(ray, query.ray);
       embree::intersect(v.scene, query);
       hits[i] = hit_from(v, query.hit, query.ray.tfar);
       continue;
@@ -122,7 +129,7 @@ void closest(const CpuAccel &accel, const Ray *rays, Hit *hits, uint32_t n)
     TraceRay r;
     float moved;
     if (!prepare_for_embree(v, ray, r, moved)) continue;
-    set_ray(r.origin, r.direction, r.tmin, r.tmax, query.ray);
+    set_ray(r, query.ray);
     embree::intersect(v.scene, query);
     if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) continue;
     hits[i] = hit_from(v, query.hit, caller_t(r, query.ray.tfar + moved));
@@ -136,13 +143,13 @@ void occluded(const CpuAccel &accel, const Ray *rays, uint8_t *occluded, uint32_
     const Ray &ray = rays[i];
     RTCRay query;
     if (is_plain(ray)) {
-      set_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, query);
+      set_ray(ray, query);
     } else {
       TraceRay r;
       float moved;
       occluded[i] = 0;
       if (!prepare_for_embree(v, ray, r, moved)) continue;
-      set_ray(r.origin, r.direction, r.tmin, r.tmax, query);
+      set_ray(r, query);
     }
     embree::occluded(v.scene, query);
     occluded[i] = query.tfar < 0.0f;
@@ -227,7 +234,7 @@ class EmbreeAccelerator final : public Accelerator {
     query.user = user;
     query.sink = sink;
     RTCRayHit ray_hit;
-    set_ray(r.origin, r.direction, r.tmin, r.tmax, ray_hit.ray);
+    set_ray(r, ray_hit.ray);
     ray_hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     ray_hit.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
     embree::intersect(embree_view_.scene, ray_hit, query, filter_all);
