@@ -12,7 +12,7 @@ def main() -> None:
     parser.add_argument("top")
     parser.add_argument("row", nargs="+")
     parser.add_argument("-o", "--output", required=True)
-    parser.add_argument("--width", type=int, default=704)
+    parser.add_argument("--width", type=int, default=656)
     args = parser.parse_args()
 
     top = Image.open(args.top).convert("RGB")
@@ -27,8 +27,8 @@ def main() -> None:
         width = args.width - x if i == len(row) - 1 else round(height * image.width / image.height)
         joined.paste(image.resize((width, height), Image.Resampling.LANCZOS), (x, top.height + GAP))
         x += width + GAP
-    # Noise does not compress, and the lowest two bits of eight are noise here.
-    joined = joined.point([round(round(x * 63 / 255) * 255 / 63) for x in range(256)] * 3)
+    # Noise does not compress, and the lowest bit of eight is noise here.
+    joined = joined.point([round(round(x * 127 / 255) * 255 / 127) for x in range(256)] * 3)
     joined.save(args.output, optimize=True)
 
 

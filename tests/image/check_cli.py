@@ -10,6 +10,7 @@ import json
 import math
 import os
 import pathlib
+import re
 import shutil
 import signal
 import struct
@@ -248,6 +249,22 @@ def case_scenes():
         assert "24 x " in done.stdout, done.stdout
     assert (WORK / "little_outdoor_sky.hdr").exists()
     assert run("scene", "cornell", "-o", "q.glb", "--quiet").stdout == ""
+
+
+def case_readme():
+    """The commands that README.md shows, on a small picture. The chart's tests are those of the Python package."""
+    readme = pathlib.Path(__file__).resolve().parents[2] / "README.md"
+    blocks = re.findall(r"^```sh\n(.*?)^```$", readme.read_text(encoding="utf-8"), flags=re.M | re.S)
+    commands = [line.split("#")[0].split() for block in blocks for line in block.splitlines() if line.startswith("gpurt ")]
+    (WORK / "cornell.glb").unlink(missing_ok=True)
+    (WORK / "rays.bin").write_bytes(struct.pack("<8f", 0.3, 0.3, -1, 0, 0, 0, 1, 100) * 10)
+    shown = set()
+    for command in commands:
+        shown.add(command[1])
+        if command[1] != "chart":
+            run(*command[1:], *(["--width", 48] if command[1] in ("scene", "bench") else []))
+    assert shown == {"scene", "info", "render", "trace", "verify", "bench", "chart"}, shown
+    assert (WORK / "cornell.exr").exists() and (WORK / "cornell.png").exists() and (WORK / "hits.bin").exists()
 
 
 def case_chart():

@@ -37,10 +37,13 @@ def main():
     parser.add_argument("--cxx", required=True)
     parser.add_argument("--source", required=True, type=pathlib.Path)
     parser.add_argument("--lib-dir", required=True)
+    parser.add_argument("--tool", required=True)
     parser.add_argument("--work", required=True, type=pathlib.Path)
     args = parser.parse_args()
 
     args.work.mkdir(parents=True, exist_ok=True)
+    # The scene that the programs load, small.
+    run("cornell.glb", [args.tool, "scene", "cornell", "-o", "cornell.glb", "--width", "64"], args.work)
     languages = {"c": (args.cc, "-std=c99"), "cpp": (args.cxx, "-std=c++17")}
     count = 0
     for document in [args.source / "README.md", *sorted((args.source / "docs").glob("*.md"))]:

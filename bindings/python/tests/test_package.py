@@ -156,17 +156,18 @@ def test_errors_do_not_leak_the_frame_that_failed(device):
 
 
 @pytest.mark.skipif(not (ROOT / "docs" / "python.md").exists(), reason="not beside the project's documentation")
-def test_the_code_in_the_documentation_runs(tmp_path, monkeypatch, box):
-    """Every indented or fenced Python block of docs/python.md, one after the other."""
+@pytest.mark.parametrize("document", ["README.md", "docs/python.md"])
+def test_the_code_in_the_documentation_runs(tmp_path, monkeypatch, document):
+    """Every fenced Python block, one after the other."""
     import glb
     glb.write_box(tmp_path / "cornell.glb")
     monkeypatch.chdir(tmp_path)
-    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    text = (ROOT / document).read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", text, flags=re.M | re.S)
     assert blocks
     names = {}
     for block in blocks:
-        exec(compile(block, "docs/python.md", "exec"), names)
+        exec(compile(block, document, "exec"), names)
 
 
 def test_a_wheel_is_built_and_works(tmp_path):
