@@ -445,7 +445,7 @@ typedef enum gpurt_accel {
   GPURT_ACCEL_AUTO =
       0, /* CUDA: kdtree; CPU: embree, unless an imported tree or a setting of the kdtree is there */
   GPURT_ACCEL_KDTREE = 1, /* the same bits on every backend */
-  GPURT_ACCEL_EMBREE = 2, /* CPU alone; no leak and t within a stated bound, not the same bits */
+  GPURT_ACCEL_EMBREE = 2, /* CPU alone; not the same bits; rare leaks at vertices: docs/stability.md */
   GPURT_ACCEL_BVH = 3,    /* this version: UNSUPPORTED */
   GPURT_ACCEL_FORCE32 = 0x7fffffff
 } gpurt_accel;

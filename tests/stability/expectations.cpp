@@ -9,6 +9,10 @@ constexpr const char *edges_in_float =
 constexpr const char *embree_edges =
     "Embree's robust mode is not exact at vertices and within rounding of edges";
 constexpr const char *embree_fast = "Embree's fast mode rounds its edge tests: it leaks and takes neighbours";
+constexpr const char *t_in_float =
+    "t is computed in single precision, and at a grazing angle the rounding of the corners moves it by more "
+    "than 8 "
+    "ulp";
 constexpr const char *embree_ties =
     "of triangles at the same distance Embree takes the one that it comes to first";
 constexpr const char *double_edges =
@@ -24,6 +28,7 @@ Expectation expectation(int row, const Method &method)
   const bool is_fast = method.test == GPURT_TRIANGLE_MOLLER_TRUMBORE;
   const bool aims_at_edges = row == 2 || row == 6 || row == 9 || row == 10 || row == 11 || row == 13 ||
                              row == 15 || row == 17 || row == 18;
+  if (row == 9 && (is_embree || is_fast)) return {is_embree ? Expected::Varies : Expected::Fails, t_in_float};
   if (!is_embree && is_fast && (row == 1 || aims_at_edges)) return {Expected::Fails, edges_in_float};
   if (!is_embree && method.test == GPURT_TRIANGLE_DOUBLE && row == 18) return {Expected::Fails, double_edges};
   if (is_embree && is_fast && row == 20)

@@ -30,13 +30,16 @@ INTRO = """# Stability
 What every method does on inputs where ray tracers fail. Written by `scripts/stability` from a run of the tests with
 the label `stability`; do not edit. The numbers are in [stability.csv](stability.csv).
 
-A cell says how many trials failed. **Fails** marks failures that are known and explained below; a failure that is not
-makes the suite fail. An empty cell: not measured for that method. Rows 4, 6, 9, 10, 11, 16, 17 and 18 are judged by
-exact geometry (`tests/support/exact_oracle.h`): wherever a ray clears every edge by 7.002 x 2^-24 x M, with M the
-largest coordinate of a corner relative to the ray's origin, the triangle must be that of rational arithmetic; nearer
-than that, one of the triangles there must be hit where their outline winds about the ray. Methods that compute t in
-single precision are judged by their triangle alone in these rows (but for row 9, which is about t), and the excess of
-t over its bound is noted.
+"""
+HOW = """A cell says how many trials failed. **Fails** marks failures that are known and explained below; a failure that is not
+makes the suite fail. An empty cell: not measured for that method. The suite takes fewer trials than the inputs below
+name, unless it is run with `scripts/stability --full`; [Runs](#runs) says which.
+
+Rows 4, 6, 9, 10, 11, 16, 17 and 18 are judged by exact geometry (`tests/support/exact_oracle.h`): wherever a ray clears
+every edge by 7.002 x 2^-24 x M, with M the largest coordinate of a corner relative to the ray's origin, the triangle
+must be that of rational arithmetic; nearer than that, one of the triangles there must be hit where their outline winds
+about the ray. Methods that compute t in single precision are judged by their triangle alone in these rows (but for row
+9, which is about t), and the excess of t over its bound is noted.
 
 """
 
@@ -73,14 +76,72 @@ def cell(entry):
     return f"**fails**: {text}" if entry["verdict"] == "fails as expected" else f"**UNEXPECTED**: {text}"
 
 
+def percent(e):
+    share = 100 * int(e["failures"]) / max(int(e["trials"]), 1)
+    return f"{share:.2g} %" if share < 99.5 else f"{share:.0f} %"
+
+
+def listing(names):
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+
+
+def summary(entries, methods):
+    """The sentence that a reader who stops there takes along."""
+    failing = {m: [e["row"] for e in entries if e["method"] == m and e["verdict"] != "pass"] for m in methods}
+    clean = [TITLES[m] for m in methods if not failing[m]]
+    rest = [f"{TITLES[m]} fails {len(failing[m])}" for m in methods if failing[m]]
+    count = len({e["row"] for e in entries if e["method"] in methods})
+    # The names have commas of their own.
+    passed = [f"{name} passes all" for name in clean]
+    return f"Of {count} rows with a test: {'; '.join(passed + rest)}.\n"
+
+
+def explanations(entries, methods):
+    for m in methods:
+        reasons = {}
+        for e in entries:
+            if e["method"] == m and e["verdict"] != "pass":
+                reasons.setdefault(e["reason"], []).append(e)
+        if not reasons:
+            yield f"- **{TITLES[m]}**: nothing."
+        for reason, failing in reasons.items():
+            rows = listing([f"{e['row']} ({e['failure'].lower()}, {percent(e)})" for e in failing])
+            yield f"- **{TITLES[m]}**, row{'s' * (len(failing) > 1)} {rows}: {reason}."
+
+
+def notes(entries, methods):
+    """What the tests tell besides, each note once with the methods that it holds for."""
+    for number in sorted({int(e["row"]) for e in entries}):
+        told = {}
+        for e in entries:
+            if int(e["row"]) == number and e["note"] and e["method"] in methods:
+                told.setdefault(e["note"], []).append(TITLES[e["method"]])
+        for note, names in told.items():
+            who = "all" if len(names) == len(methods) else "; ".join(names)
+            yield f"- Row {number}, {who}: {note}."
+
+
+def leak_table(leaks):
+    methods = list(dict.fromkeys(line["method"] for line in leaks))
+    by_mesh = {}
+    for line in leaks:
+        by_mesh.setdefault(line["mesh"], {})[line["method"]] = line
+    yield "| Mesh | " + " | ".join(TITLES.get(m, m) for m in methods) + " |"
+    yield "|---|" + "---|" * len(methods)
+    for mesh, lines in by_mesh.items():
+        cells = [f"{lines[m]['leaks']:,} of {lines[m]['rays']:,}" if m in lines else "" for m in methods]
+        yield f"| {mesh} | " + " | ".join(cells) + " |"
+
+
 def markdown(entries, leaks):
     present = {e["method"] for e in entries}
     methods = [m for m in TITLES if m in present]
     rows = {}
     for e in entries:
         rows.setdefault(int(e["row"]), []).append(e)
-    out = [INTRO]
+    out = [INTRO + summary(entries, methods)]
     out.append("## Methods against rows\n")
+    out.append(HOW)
     out.append("| # | Failure | " + " | ".join(TITLES[m] for m in methods) + " |")
     out.append("|---|---|" + "---|" * len(methods))
     for number in sorted(rows):
@@ -96,30 +157,15 @@ def markdown(entries, leaks):
         if e["method"] != "none":
             out.append(f"| {number} | {e['input'] or e['failure']} | {e['criterion']} |")
     out.append("\n## What fails, and why\n")
-    for m in methods:
-        failing = [e for e in entries if e["method"] == m and e["verdict"] != "pass"]
-        if not failing:
-            out.append(f"- **{TITLES[m]}**: nothing.")
-        for e in sorted(failing, key=lambda e: int(e["row"])):
-            share = int(e["failures"]) / max(int(e["trials"]), 1)
-            note = f" ({e['note']})" if e["note"] else ""
-            out.append(f"- **{TITLES[m]}**, row {e['row']}, {e['failure'].lower()}: {int(e['failures']):,} of "
-                       f"{int(e['trials']):,}, {share:.2g} of them{note}. {e['reason']}")
-    out.append("\n## What was seen where all passed\n")
-    for number in sorted(rows):
-        for e in rows[number]:
-            if e["note"] and e["verdict"] == "pass" and e["method"] in TITLES:
-                out.append(f"- Row {number}, {TITLES[e['method']]}: {e['note']}.")
+    out.extend(explanations(entries, methods))
+    out.append("\n## What the tests tell besides\n")
+    out.extend(notes(entries, methods))
     if leaks:
         out.append("\n## Leaks\n")
-        out.append("Rays from inside closed meshes at edge midpoints, other points of edges, and vertices "
-                   "(`build/tests/stability/count_leaks`).\n")
-        out.append("| Method | Mesh | Rays | Leaks |")
-        out.append("|---|---|---|---|")
-        for line in leaks:
-            out.append(f"| {TITLES.get(line['method'], line['method'])} | {line['mesh']} | {line['rays']:,} | "
-                       f"{line['leaks']:,} |")
-    out.append("\n## A failure\n")
+        out.append("Rays from inside closed meshes at edge midpoints, other points of edges, and vertices, that left "
+                   "the mesh without a hit (`build/tests/stability/count_leaks`).\n")
+        out.extend(leak_table(leaks))
+    out.append("\n## A failure, magnified\n")
     out.append("![Leaks at an edge and at a vertex](images/leak.png)\n")
     out.append("An edge (above) and a vertex (below) of a closed icosphere seen from inside, magnified until a pixel is "
                "half an ulp of the coordinates wide. Yellow rays leak. Left the kd-tree with Möller-Trumbore's test, in "

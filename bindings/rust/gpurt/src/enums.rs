@@ -87,7 +87,7 @@ c_enum! {
         Auto = GPURT_ACCEL_AUTO,
         /// The same bits on every backend.
         Kdtree = GPURT_ACCEL_KDTREE,
-        /// CPU alone; no leak and t within a stated bound, not the same bits.
+        /// CPU alone; not the same bits; rare leaks at vertices.
         Embree = GPURT_ACCEL_EMBREE,
         /// This version of the library does not support it.
         Bvh = GPURT_ACCEL_BVH,
