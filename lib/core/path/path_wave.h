@@ -200,10 +200,11 @@ struct ShadePathVertex {
     path.throughput *= next.weight;
     const float largest = max_component(path.throughput);
     if (!(largest > 0.0f)) return;
-    // Russian roulette: a path goes on with the probability of its throughput, so that survivors carry about 1.
+    // Russian roulette: a path goes on with twice the probability of its throughput, so that survivors carry at least a
+    // half. The factor is where time x error is least, of 0.7 to 10, on Cornell boxes, a classroom and Veach's plates.
     // The square that glass puts on radiance inside is left out: it is given back on the way out.
     if (depth >= 2 && !is_delta(bsdf)) {
-      const float survival = min(largest, 1.0f);
+      const float survival = min(2.0f * largest, 1.0f);
       if (choice.y >= survival) return;
       path.throughput *= 1.0f / survival;
     }
