@@ -19,7 +19,7 @@ DeviceScene::DeviceScene(const CompiledScene &scene, const std::shared_ptr<Devic
   view_.placements = keep(scene.placements, "the scene's placements");
   view_.materials = keep(scene.materials, "the scene's materials");
   view_.lights = keep(scene.lights, "the scene's lights");
-  view_.light_nodes = keep(scene.light_nodes, "the scene's light tree");
+  view_.light_bundles = keep(scene.light_bundles, "the scene's light tree");
   view_.environment.row_cdf = keep(scene.environment_rows, "the environment's table");
   view_.environment.column_cdf = keep(scene.environment_columns, "the environment's table");
   // Textures may share texels, as the environment's does with the one that it was made of.

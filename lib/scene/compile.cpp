@@ -292,7 +292,7 @@ SceneView CompiledScene::view() const
   v.materials = materials.data();
   v.textures = textures.data();
   v.lights = lights.data();
-  v.light_nodes = light_nodes.data();
+  v.light_bundles = light_bundles.data();
   v.environment = environment;
   v.environment.row_cdf = environment_rows.empty() ? nullptr : environment_rows.data();
   v.environment.column_cdf = environment_columns.empty() ? nullptr : environment_columns.data();
@@ -304,7 +304,6 @@ SceneView CompiledScene::view() const
   v.num_materials = uint32_t(materials.size());
   v.num_tree_lights = num_tree_lights;
   v.num_distant_lights = num_distant_lights;
-  v.num_light_nodes = uint32_t(light_nodes.size());
   v.has_alpha_masks = has_alpha_masks ? 1 : 0;
   return v;
 }
@@ -315,7 +314,7 @@ uint64_t CompiledScene::bytes() const
   uint64_t sum = size(positions) + size(indices) + size(triangle_segment) + size(normals) + size(uvs) +
                  size(segments) + size(groups) + size(group_geometry) + size(placements) + size(materials) +
                  size(textures) + size(texture_data) + size(lights) + size(light_nodes) +
-                 size(environment_rows) + size(environment_columns) + size(cameras);
+                 size(light_bundles) + size(environment_rows) + size(environment_columns) + size(cameras);
   for (const auto &texels : texture_data) sum += texels->size();
   return sum;
 }

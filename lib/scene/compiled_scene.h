@@ -8,6 +8,19 @@
 
 namespace gpurt {
 
+/// A node of the light tree. Source: Conty Estevez and Kulla 2018.
+struct LightNode {
+  Box bounds;
+  Vec3f axis;       // of the cone of emission directions
+  float cos_theta;  // half angle of normals
+  float cos_emit;   // and of emission around a normal
+  float power;
+  uint32_t child;  // inner: children at child, child + 1; leaf: the light
+  uint32_t is_leaf;
+  uint32_t two_sided;
+  uint32_t reserved;
+};
+
 struct CompiledScene {
   std::vector<Vec3f> positions;
   std::vector<UInt3> indices;
@@ -24,7 +37,8 @@ struct CompiledScene {
       textures;  // those of the description, then the environment's; texels are of texture_data
   std::vector<std::shared_ptr<const std::vector<std::byte>>> texture_data;  // of the description's textures
   std::vector<Light> lights;
-  std::vector<LightNode> light_nodes;
+  std::vector<LightNode> light_nodes;      // root first
+  std::vector<LightBundle> light_bundles;  // the same for SceneView
   Environment environment{};
   std::vector<float> environment_rows, environment_columns;
   std::vector<CameraData> cameras;

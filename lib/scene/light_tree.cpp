@@ -330,12 +330,74 @@ class Builder {
   std::vector<Item> items_;
 };
 
+// Slot k of a bundle is the child k & 1 of the child k >> 1; a child that is a leaf is its own first child.
+class Bundler {
+ public:
+  explicit Bundler(CompiledScene &scene) : nodes_(scene.light_nodes), bundles_(scene.light_bundles) {}
+
+  void run()
+  {
+    bundles_.clear();
+    if (nodes_.empty()) return;
+    bundles_.emplace_back();
+    put(0, 0, 0);
+    // Bundles are made breadth first: `sources_` has the node that bundle i + 1 is of.
+    for (size_t i = 0; i < sources_.size(); ++i) {
+      const uint32_t first = nodes_[sources_[i]].child, bundle = uint32_t(i) + 1;
+      for (uint32_t side = 0; side < 2; ++side) {
+        const LightNode &child = nodes_[first + side];
+        if (child.is_leaf) {
+          put(bundle, 2 * side, first + side);
+        } else {
+          put(bundle, 2 * side, child.child);
+          put(bundle, 2 * side + 1, child.child + 1);
+        }
+      }
+    }
+  }
+
+ private:
+  void put(uint32_t bundle, uint32_t k, uint32_t index)
+  {
+    const LightNode &node = nodes_[index];
+    uint32_t child = node.child | light_leaf_bit;
+    if (!node.is_leaf) {
+      sources_.push_back(index);
+      child = uint32_t(sources_.size());
+      bundles_.emplace_back();
+    }
+    LightBundle &b = bundles_[bundle];
+    b.child[k] = child;
+    b.power[k] = node.power;
+    if (node.power <= 0) return;
+    double radius2 = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double lo = at(node.bounds.lo, axis), hi = at(node.bounds.hi, axis);
+      const float center = float((lo + hi) / 2);
+      const double reach = std::max(hi - center, center - lo);
+      radius2 += reach * reach;
+      b.center[axis][k] = center;
+      b.axis[axis][k] = at(node.axis, axis);
+    }
+    b.radius[k] = float(std::sqrt(radius2));
+    b.cos_theta[k] = node.cos_theta;
+    b.sin_theta[k] = float(std::sqrt(1 - double(node.cos_theta) * node.cos_theta));
+    b.cos_emit[k] = node.cos_emit;
+    b.facing[k] = node.two_sided ? -1.0f : 1.0f;
+  }
+
+  const std::vector<LightNode> &nodes_;
+  std::vector<LightBundle> &bundles_;
+  std::vector<uint32_t> sources_;
+};
+
 }  // namespace
 
 void build_light_tree(CompiledScene &scene)
 {
   scene.light_nodes.clear();
   Builder(scene).run();
+  Bundler(scene).run();
 }
 
 }  // namespace gpurt

@@ -82,7 +82,7 @@ uint64_t hash_scene(const CompiledScene &scene)
     hash.add(l.cos_outer);
     hash.add(l.tree_path);
   }
-  hash.add_array(scene.light_nodes);
+  hash.add_array(scene.light_bundles);
   hash.add(scene.environment.radiance.x);
   hash.add(scene.environment.radiance.y);
   hash.add(scene.environment.radiance.z);

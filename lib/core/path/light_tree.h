@@ -9,74 +9,81 @@
 namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
 
-// cos(max(a - b, 0)) and sin of the same, from sines and cosines of angles in [0, pi].
-GPURT_INLINE float cos_sub_clamped(float sin_a, float cos_a, float sin_b, float cos_b)
+// Bounds on the irradiance at p, on a surface with normal n, from each node of a bundle, up to a constant. 0 only if
+// nothing can arrive. Free of branches, so that compilers make one vector of the four.
+GPURT_INLINE void light_importance(const LightBundle &node, Vec3f p, Vec3f n, float (&importance)[4])
 {
-  return cos_a > cos_b ? 1.0f : fma(cos_a, cos_b, sin_a * sin_b);
-}
-GPURT_INLINE float sin_sub_clamped(float sin_a, float cos_a, float sin_b, float cos_b)
-{
-  return cos_a > cos_b ? 0.0f : max(sin_a * cos_b - cos_a * sin_b, 0.0f);
-}
+  for (int k = 0; k < 4; ++k) {
+    const float x = node.center[0][k] - p.x, y = node.center[1][k] - p.y, z = node.center[2][k] - p.z;
+    const float distance2 = x * x + y * y + z * z, radius = node.radius[k];
+    const float inv_distance = 1.0f / sqrt(max(distance2, 0x1p-100f));
+    const float sin_u = radius * inv_distance;
+    const float cos_u = safe_sqrt(1.0f - sin_u * sin_u);
 
-// Bound on the irradiance at p, on a surface with normal n, up to a constant. 0 only if nothing can arrive.
-GPURT_INLINE float light_importance(const LightNode &node, Vec3f p, Vec3f n)
-{
-  if (node.power <= 0.0f) return 0.0f;
-  const Vec3f center = node.bounds.lo * 0.5f + node.bounds.hi * 0.5f;
-  const float radius2 = 0.25f * length2(node.bounds.hi - node.bounds.lo);
-  const Vec3f to_light = center - p;
-  const float distance2 = length2(to_light);
-  // Within the bounding sphere every direction is possible.
-  if (distance2 <= radius2 * 1.0001f) return node.power / max(radius2, 0x1p-100f);
-  const float inv_distance = 1.0f / sqrt(distance2);
-  const Vec3f w = to_light * inv_distance;
-  const float sin_u = sqrt(radius2) * inv_distance;
-  const float cos_u = safe_sqrt(1.0f - sin_u * sin_u);
+    // cos(max(a - b, 0)) = a < b ? 1 : cos a cos b + sin a sin b, for angles in [0, pi]; sines likewise.
+    const float cos_i = clamp((n.x * x + n.y * y + n.z * z) * inv_distance, -1.0f, 1.0f);
+    const float sin_i = safe_sqrt(1.0f - cos_i * cos_i);
+    const float cos_incidence = cos_i > cos_u ? 1.0f : cos_i * cos_u + sin_i * sin_u;
 
-  const float cos_i = clamp(dot(n, w), -1.0f, 1.0f);
-  const float sin_i = safe_sqrt(1.0f - cos_i * cos_i);
-  const float cos_incidence = cos_sub_clamped(sin_i, cos_i, sin_u, cos_u);
-  // Here and below widened: rounding must not exclude a light that contributes.
-  if (cos_incidence < -1e-5f) return 0.0f;
+    // The angle between the axis and the direction to p, less the spread of normals and of the box.
+    const float along = (node.axis[0][k] * x + node.axis[1][k] * y + node.axis[2][k] * z) * -inv_distance;
+    const float cos_w = clamp(max(along, along * node.facing[k]), -1.0f, 1.0f);
+    const float sin_w = safe_sqrt(1.0f - cos_w * cos_w);
+    const float cos_o = node.cos_theta[k], sin_o = node.sin_theta[k];
+    const float cos_x = cos_w > cos_o ? 1.0f : cos_w * cos_o + sin_w * sin_o;
+    const float sin_x = cos_w > cos_o ? 0.0f : max(sin_w * cos_o - cos_w * sin_o, 0.0f);
+    const float cos_emission = cos_x > cos_u ? 1.0f : cos_x * cos_u + sin_x * sin_u;
 
-  // The angle between the axis and the direction to p, less the spread of normals and of the box.
-  float cos_w = -dot(node.axis, w);
-  if (node.two_sided) cos_w = abs(cos_w);
-  cos_w = clamp(cos_w, -1.0f, 1.0f);
-  const float sin_w = safe_sqrt(1.0f - cos_w * cos_w);
-  const float sin_o = safe_sqrt(1.0f - node.cos_theta * node.cos_theta);
-  const float cos_x = cos_sub_clamped(sin_w, cos_w, sin_o, node.cos_theta);
-  const float sin_x = sin_sub_clamped(sin_w, cos_w, sin_o, node.cos_theta);
-  const float cos_emission = cos_sub_clamped(sin_x, cos_x, sin_u, cos_u);
-  if (cos_emission < node.cos_emit - 1e-5f) return 0.0f;
-  return node.power * max(cos_emission, 1e-3f) * max(cos_incidence, 1e-3f) * (inv_distance * inv_distance);
+    const float power = node.power[k];
+    // Widened: rounding must not exclude a light that contributes. One condition a choice, since GCC does not vectorise
+    // choices by two.
+    const float seen = cos_incidence < -1e-5f ? 0.0f : power;
+    const float lit = cos_emission < node.cos_emit[k] - 1e-5f ? 0.0f : seen;
+    const float outside =
+        lit * max(cos_emission, 1e-3f) * max(cos_incidence, 1e-3f) * inv_distance * inv_distance;
+    // Within the bounding sphere every direction is possible.
+    const float inside = power / max(radius * radius, 0x1p-100f);
+    importance[k] = distance2 <= radius * radius * 1.0001f ? inside : outside;
+  }
 }
 
-// A leaf of the tree and the probability of its choice; invalid_id if no light can contribute.
+// Where a bundle has what lies two levels down a path.
+GPURT_INLINE uint32_t light_slot(uint64_t path) { return uint32_t((path & 1) << 1 | (path >> 1 & 1)); }
+
+// A bound for all of the tree.
+GPURT_INLINE float light_importance(const SceneView &scene, Vec3f p, Vec3f n)
+{
+  float importance[4];
+  light_importance(scene.light_bundles[0], p, n, importance);
+  return importance[0];
+}
+
+// A light of the tree and the probability of its choice; invalid_id if no light can contribute.
 GPURT_INLINE uint32_t sample_light_tree(const SceneView &scene, Vec3f p, Vec3f n, float u, float &probability)
 {
   probability = 1.0f;
-  uint32_t i = 0;
-  while (!scene.light_nodes[i].is_leaf) {
-    const uint32_t child = scene.light_nodes[i].child;
-    const float a = light_importance(scene.light_nodes[child], p, n);
-    const float b = light_importance(scene.light_nodes[child + 1], p, n);
-    const float sum = a + b;
+  uint32_t child = scene.light_bundles[0].child[0];
+  while (!(child & light_leaf_bit)) {
+    const LightBundle &bundle = scene.light_bundles[child];
+    float importance[4];
+    light_importance(bundle, p, n, importance);
+    const float first_two = importance[0] + importance[1];
+    const float sum = first_two + (importance[2] + importance[3]);
     if (!(sum > 0.0f)) return invalid_id;
-    const float share = a / sum;
-    if (u < share) {
-      u = min(u / share, 1.0f - float_epsilon);
-      probability *= share;
-      i = child;
-    } else {
-      const float rest = 1.0f - share;
-      u = min((u - share) / rest, 1.0f - float_epsilon);
-      probability *= rest;
-      i = child + 1;
-    }
+    // First which pair, then which of the pair.
+    float x = u * sum;
+    const int pair = x < first_two ? 0 : 2;
+    x -= pair == 0 ? 0.0f : first_two;
+    const bool second = !(x < importance[pair]);
+    x -= second ? importance[pair] : 0.0f;
+    // Rounding may point behind the last one that has a share.
+    int k = pair + int(second);
+    while (!(importance[k] > 0.0f)) k = (k + 3) & 3;
+    u = clamp(x / importance[k], 0.0f, 1.0f - float_epsilon);
+    probability *= importance[k] / sum;
+    child = bundle.child[k];
   }
-  return scene.light_nodes[i].child;
+  return child & ~light_leaf_bit;
 }
 
 // The probability that sample_light_tree chooses `light`.
@@ -84,17 +91,17 @@ GPURT_INLINE float light_tree_probability(const SceneView &scene, Vec3f p, Vec3f
 {
   float probability = 1.0f;
   uint64_t path = scene.lights[light].tree_path;
-  uint32_t i = 0;
-  while (!scene.light_nodes[i].is_leaf) {
-    const uint32_t child = scene.light_nodes[i].child;
-    const float a = light_importance(scene.light_nodes[child], p, n);
-    const float b = light_importance(scene.light_nodes[child + 1], p, n);
-    const float sum = a + b;
+  uint32_t child = scene.light_bundles[0].child[0];
+  while (!(child & light_leaf_bit)) {
+    const LightBundle &bundle = scene.light_bundles[child];
+    float importance[4];
+    light_importance(bundle, p, n, importance);
+    const float sum = (importance[0] + importance[1]) + (importance[2] + importance[3]);
     if (!(sum > 0.0f)) return 0.0f;
-    const float share = a / sum;
-    probability *= (path & 1) ? 1.0f - share : share;
-    i = child + uint32_t(path & 1);
-    path >>= 1;
+    const uint32_t k = light_slot(path);
+    probability *= importance[k] / sum;
+    child = bundle.child[k];
+    path >>= 2;
   }
   return probability;
 }

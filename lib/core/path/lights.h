@@ -35,7 +35,7 @@ GPURT_HD inline LightGroups light_groups(const SceneView &scene, Vec3f p, Vec3f 
   if (num == 1) return {has_tree ? 1.0f : 0.0f, has_distant ? 1.0f : 0.0f, has_environment ? 1.0f : 0.0f};
   if (num == 0) return {0.0f, 0.0f, 0.0f};
   // A node's power is that of an isotropic emitter: irradiance is about power / (4 pi d^2).
-  const float tree = has_tree ? light_importance(scene.light_nodes[0], p, n) * (0.25f * inv_pi) : 0.0f;
+  const float tree = has_tree ? light_importance(scene, p, n) * (0.25f * inv_pi) : 0.0f;
   float distant = 0.0f;
   for (uint32_t i = 0; i < scene.num_distant_lights; ++i) {
     const Light &light = scene.lights[scene.num_tree_lights + i];

@@ -79,18 +79,18 @@ struct Light {
   uint64_t tree_path;  // bit i: which child is taken at level i of the light tree, the root being level 0
 };
 
-// A node of the light tree. Source: Conty Estevez and Kulla 2018.
-struct LightNode {
-  Box bounds;
-  Vec3f axis;       // of the cone of emission directions
-  float cos_theta;  // half angle of normals
-  float cos_emit;   // and of emission around a normal
-  float power;
-  uint32_t child;  // inner: children at child, child + 1; leaf: the light
-  uint32_t is_leaf;
-  uint32_t two_sided;
-  uint32_t reserved;
+// Up to four nodes of the light tree side by side, so that their importance is computed together: the children of a
+// node's children, two of them if they are leaves. Source: Conty Estevez and Kulla 2018.
+struct LightBundle {
+  float center[3][4], radius[4];     // of the sphere about the lights' bounds
+  float axis[3][4];                  // of the cone of their normals
+  float cos_theta[4], sin_theta[4];  // half angle of that cone
+  float cos_emit[4];                 // and of emission around a normal
+  float facing[4];                   // -1: they shine to both sides, else 1
+  float power[4];                    // 0: nothing there
+  uint32_t child[4];                 // the bundle of what is below, or light_leaf_bit | light
 };
+constexpr uint32_t light_leaf_bit = 0x80000000u;
 
 // The environment: constant, or a lat-long texture with a table for importance sampling.
 struct Environment {
@@ -114,8 +114,8 @@ struct SceneView {
   const Placement *placements;
   const Material *materials;
   const Texture *textures;
-  const Light *lights;           // triangles, points, spots: leaves of the tree; then distant lights
-  const LightNode *light_nodes;  // root first
+  const Light *lights;               // triangles, points, spots: leaves of the tree; then distant lights
+  const LightBundle *light_bundles;  // the first has the root alone
   Environment environment;
   Box bounds;  // world, of everything; empty for an empty scene
   uint64_t num_triangles;
@@ -125,7 +125,6 @@ struct SceneView {
   uint32_t num_materials;
   uint32_t num_tree_lights;     // leaves of the light tree
   uint32_t num_distant_lights;  // lights[num_tree_lights ...]
-  uint32_t num_light_nodes;
   uint32_t has_alpha_masks;
   // How far a hit's point on the ray may lie off the triangle, in units of the triangle's extent seen from there: not 0
   // for accelerators that compute t in single precision, which would hit the triangle that a ray has just left.
