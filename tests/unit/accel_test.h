@@ -43,7 +43,7 @@ struct Mesh {
     positions.insert(positions.end(), {a, b, c});
     triangles.push_back({n, n + 1, n + 2});
   }
-  void add(const Mesh &other)
+  void add(Mesh other)  // a copy: it may be this one
   {
     const uint32_t n = uint32_t(positions.size());
     positions.insert(positions.end(), other.positions.begin(), other.positions.end());

@@ -13,7 +13,7 @@ constexpr float inf = std::numeric_limits<float>::infinity();
 TextureData make_texture(uint32_t width, uint32_t height, std::vector<float> values)
 {
   auto bytes = std::make_shared<std::vector<std::byte>>(values.size() * sizeof(float));
-  std::memcpy(bytes->data(), values.data(), bytes->size());
+  if (!bytes->empty()) std::memcpy(bytes->data(), values.data(), bytes->size());
   TextureData t;
   t.width = width;
   t.height = height;
