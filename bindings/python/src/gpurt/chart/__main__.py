@@ -88,10 +88,10 @@ def write(options: argparse.Namespace, command: str, reference: metrics.Picture,
         fits = ", ".join(f"{m} {f.slope:+.3f} ± {f.slope_error:.3f}" for m, f in r.fits.items() if f)
         say(f"{r.name}: slope of error over render time: {fits or 'needs two points'}")
 
-    # One more picture of each setting, with as many samples as the time of the shortest curve allows.
+    # One more picture of each setting, in the time of the shortest curve.
     seconds = analyse.picture_seconds(results)
     pictures: List[TimedPicture] = [
-        render_picture(r.curve.setting, options.scene, reference, noise, analyse.samples_at(r, seconds),
+        render_picture(r.curve.setting, options.scene, reference, noise, seconds,
                        options.seed + options.repeats, options.camera) for r in results]
 
     height, width = reference.shape[:2]

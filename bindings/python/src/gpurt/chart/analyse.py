@@ -134,13 +134,6 @@ def seconds_to(result: Result, error: float, measure: str) -> Optional[float]:
     return None
 
 
-def samples_at(result: Result, seconds: float) -> int:
-    """About how many samples a pixel are there after `seconds`, load and build included; at least 1."""
-    last = result.points[-1]
-    per_sample = last.render_seconds / last.spp
-    return max(1, round((seconds - result.load_seconds - result.build_seconds) / per_sample))
-
-
 def round_values(low: float, high: float, steps: Sequence[float]) -> List[float]:
     """Values step x 10^k within [low, high]."""
     if not 0 < low <= high:

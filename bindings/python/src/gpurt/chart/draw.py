@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from typing import TYPE_CHECKING, Any, Dict, List, Sequence, Tuple
 
 from gpurt.chart.analyse import Result, pareto_front
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = "osD^vPX"
 TITLES = {"relmse": "relMSE", "trimmed": "relMSE without the worst 0.1 % of the pixels"}
+LABEL_WIDTH = 20  # letters that fit beside a panel
 STYLE: Dict[str, Any] = {
     "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.edgecolor": "#808080",
     "axes.linewidth": 0.8, "xtick.color": "#404040", "ytick.color": "#404040", "svg.fonttype": "none",
@@ -89,7 +91,7 @@ def draw_panel(axes: "Axes", results: Sequence[Result], measure: str) -> List[En
                   linewidth=1.6, zorder=3)
         fit = result.fits[measure]
         slope = f"\nslope {fit.slope:+.2f}" if fit else ""
-        ends.append((times[-1], medians[-1], result.name + slope, color(index)))
+        ends.append((times[-1], medians[-1], textwrap.fill(result.name, LABEL_WIDTH) + slope, color(index)))
     axes.margins(x=0.04, y=0.06)
     return ends
 
@@ -98,7 +100,8 @@ def place_labels(axes: "Axes", ends: Sequence[End]) -> None:
     """Names at the ends of the curves, in a column at the right of the panel."""
     low, high = axes.get_ylim()
     scale = math.log(high / low)
-    placed = spread_labels([math.log(y / low) / scale for _, y, _, _ in ends], 0.095)
+    gap = 0.0475 * max((1 + text.count("\n") for _, _, text, _ in ends), default=1)
+    placed = spread_labels([math.log(y / low) / scale for _, y, _, _ in ends], gap)
     for (x, y, text, ink), height in zip(ends, placed):
         axes.annotate(text, xy=(x, y), xycoords="data", xytext=(1.02, height), textcoords="axes fraction", color=ink,
                       fontsize=8.5, va="center", ha="left", linespacing=1.25, annotation_clip=False,

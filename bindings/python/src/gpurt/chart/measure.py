@@ -128,13 +128,19 @@ class TimedPicture:
     png: bytes
 
 
-def render_picture(setting: Setting, scene_path: str, reference: Picture, noise: Noise, spp: int, seed: int,
+def render_picture(setting: Setting, scene_path: str, reference: Picture, noise: Noise, seconds: float, seed: int,
                    camera: int) -> TimedPicture:
+    """In about `seconds`, load and build included; one sample a pixel takes as long as it takes."""
     scene, load_seconds, build_seconds = load_and_commit(setting, setting.make_device(), scene_path)
+    make_frame(scene, reference, seed, camera).submit(spp=1, **setting.render).wait()  # as in measure_run
     frame = make_frame(scene, reference, seed, camera)
     start = time.perf_counter()
-    frame.submit(spp=spp, **setting.render).wait()
+    frame.submit(time=max(seconds - load_seconds - build_seconds, 1e-6), **setting.render).wait()
     seconds = time.perf_counter() - start + load_seconds + build_seconds
+    if frame.statistics.samples_per_pixel == 0:
+        frame.submit(spp=1, **setting.render).wait()
+        seconds = time.perf_counter() - start + load_seconds + build_seconds
+    spp = frame.statistics.samples_per_pixel
     image = frame.image()
     errors = metrics.compare(image.color, reference, noise.relmse, noise.trimmed)
     return TimedPicture(setting.name, spp, seconds, errors, image.color, image._repr_png_())
