@@ -19,6 +19,21 @@ namespace gpurt {
 
 enum class Accel : uint32_t { Auto = 0, KdTree = 1, Embree = 2, Bvh = 3 };  // values of gpurt_accel
 
+/// What the command line and files call it.
+inline const char *accel_name(Accel accel)
+{
+  switch (accel) {
+    case Accel::KdTree:
+      return "kdtree";
+    case Accel::Embree:
+      return "embree";
+    case Accel::Bvh:
+      return "bvh";
+    default:
+      return "auto";
+  }
+}
+
 /// A kd-tree handed in or out by the tree exchange. Tree 0 is group 0; 1 + g is the group of shared geometry g.
 struct HostKdTree {
   std::vector<KdNode> nodes;

@@ -48,20 +48,6 @@ std::string extension_of(const std::string &path)
   return extension;
 }
 
-const char *accel_name(Accel accel)
-{
-  switch (accel) {
-    case Accel::KdTree:
-      return "kdtree";
-    case Accel::Embree:
-      return "embree";
-    case Accel::Bvh:
-      return "bvh";
-    default:
-      return "unknown";
-  }
-}
-
 const char *test_name(TriangleTest test)
 {
   switch (test) {

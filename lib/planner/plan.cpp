@@ -11,20 +11,6 @@ namespace {
 constexpr uint32_t default_samples_per_pixel = 64;
 constexpr uint32_t default_max_depth = 17;
 
-const char *name_of(Accel accel)
-{
-  switch (accel) {
-    case Accel::KdTree:
-      return "kdtree";
-    case Accel::Embree:
-      return "embree";
-    case Accel::Bvh:
-      return "bvh";
-    default:
-      return "auto";
-  }
-}
-
 void check_factor(float value, const char *field)
 {
   if (!(value >= 0) || std::isinf(value))
@@ -46,7 +32,7 @@ void choose_accel(const gpurt_build_desc &desc, const DeviceInfo &device, bool h
 {
   const auto choose = [&](Accel accel, std::string why) {
     plan.options.accel = accel;
-    plan.reason = fmt::format("accel {}: {}", name_of(accel), why);
+    plan.reason = fmt::format("accel {}: {}", accel_name(accel), why);
   };
   if (desc.accel != GPURT_ACCEL_AUTO) return choose(Accel(desc.accel), "as asked");
   if (device.type == GPURT_DEVICE_CUDA) return choose(Accel::KdTree, "the default of CUDA devices");
@@ -92,13 +78,13 @@ BuildPlan plan_build(const gpurt_build_desc &desc, const DeviceInfo &device, boo
   if (accel != Accel::KdTree) {
     if (const char *setting = kd_tree_setting(desc)) {
       plan.warnings.push_back(
-          fmt::format("{} has no effect with accel {}; it is a setting of kdtree", setting, name_of(accel)));
+          fmt::format("{} has no effect with accel {}; it is a setting of kdtree", setting, accel_name(accel)));
     }
     if (has_imported_trees) {
       plan.warnings.push_back(
           fmt::format("the imported kd-trees have no effect with accel {}; commit with kdtree to use "
                       "them",
-                      name_of(accel)));
+                      accel_name(accel)));
     }
   }
   return plan;
