@@ -9,6 +9,7 @@ import pickle
 import re
 import subprocess
 import sys
+import tarfile
 import weakref
 
 import numpy as np
@@ -19,8 +20,7 @@ import gpurt
 from gpurt import _core
 
 PACKAGE = pathlib.Path(gpurt.__file__).parent
-SOURCE = pathlib.Path(__file__).resolve().parents[1]
-ROOT = SOURCE.parents[1]
+ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 
 def test_version():
@@ -80,7 +80,7 @@ def test_types_are_strict(tmp_path):
                     "hits, offsets = gpurt.load('a.glb').commit().trace([[0.0] * 8], query='all')\n"
                     "image: gpurt.Image = gpurt.Scene().render(spp=4)\n"
                     "reveal_type(image.color)\n")
-    result = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--config-file", SOURCE / "pyproject.toml",
+    result = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--config-file", ROOT / "pyproject.toml",
                              "--cache-dir", ROOT / "build" / "mypy-cache" if (ROOT / "build").is_dir() else tmp_path,
                              "-p", "gpurt", "-m", "user"],
                             cwd=tmp_path, text=True, capture_output=True,
@@ -171,7 +171,7 @@ def test_the_code_in_the_documentation_runs(tmp_path, monkeypatch, document):
 
 
 def test_a_wheel_is_built_and_works(tmp_path):
-    """From an installation of the build that these tests run from; the compiler cache makes it quick."""
+    """From a source archive and an installation of the build that these tests run from, so that it is quick."""
     build = PACKAGE.parents[1]
     if not (build / "CMakeCache.txt").exists():
         pytest.skip("not run from a build folder")
@@ -180,9 +180,18 @@ def test_a_wheel_is_built_and_works(tmp_path):
     cmake = re.search(r"^CMAKE_COMMAND:INTERNAL=(.*)$", (build / "CMakeCache.txt").read_text(), flags=re.M).group(1)
     subprocess.run([cmake, "--install", build, "--prefix", tmp_path / "prefix"], check=True, capture_output=True)
     (config,) = (tmp_path / "prefix").rglob("gpurt-config.cmake")
+    subprocess.run([sys.executable, "-c", f"from scikit_build_core.build import build_sdist; build_sdist({str(tmp_path)!r})"],
+                   check=True, capture_output=True, cwd=ROOT)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(archive) as sources:
+        names = {name.partition("/")[2] for name in sources.getnames()}
+    # All that compiles the library where there is none, and no more.
+    assert {"CMakeLists.txt", "LICENSE", "include/gpurt.h", "lib/api/scene.cpp", "cmake/GpurtInstall.cmake",
+            "bindings/python/src/_core/module.cpp"} <= names
+    assert not any(name.startswith(("tests/", "docs/", "build/", "out/", ".venv/")) for name in names)
     built = subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "--no-build-isolation", "--no-deps", "--no-index", "-w", tmp_path / "wheel",
-         SOURCE], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+         archive], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         env={"PATH": f"{pathlib.Path(cmake).parent}:{pathlib.Path(sys.executable).parent}:/usr/bin:/bin",
              "HOME": str(pathlib.Path.home()), "CMAKE_ARGS": f"-Dgpurt_DIR={config.parent}",
              "CMAKE_CXX_COMPILER_LAUNCHER": "ccache"})
