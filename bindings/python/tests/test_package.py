@@ -187,7 +187,7 @@ def test_a_wheel_is_built_and_works(tmp_path):
         names = {name.partition("/")[2] for name in sources.getnames()}
     # All that compiles the library where there is none, and no more.
     assert {"CMakeLists.txt", "LICENSE", "include/gpurt.h", "lib/api/scene.cpp", "cmake/GpurtInstall.cmake",
-            "bindings/python/src/_core/module.cpp"} <= names
+            "tools/gpurt/CMakeLists.txt", "bindings/python/src/_core/module.cpp"} <= names
     assert not any(name.startswith(("tests/", "docs/", "build/", "out/", ".venv/")) for name in names)
     built = subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "--no-build-isolation", "--no-deps", "--no-index", "-w", tmp_path / "wheel",
