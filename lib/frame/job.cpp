@@ -61,6 +61,9 @@ gpurt_render_desc resolve(gpurt_render_desc desc, const FrameSettings &frame,
     fail_invalid("time_limit_s is {}; it must be 0 or a positive number", desc.time_limit_s);
   if (desc.samples_per_pixel == 0 && desc.target_error == 0 && desc.time_limit_s == 0)
     desc.samples_per_pixel = default_samples;
+  if (desc.tile_size > max_tile_size)
+    fail_invalid("tile_size is {}; it is at most {}, or 0 for the library's choice", desc.tile_size,
+                 max_tile_size);
   if (desc.target_error > 0 && area(tiles) != uint64_t(frame.width) * frame.height) {
     fail_invalid(
         "target_error is the error of the whole frame, but the tiles cover only {} of its {} pixels; submit "
@@ -70,7 +73,6 @@ gpurt_render_desc resolve(gpurt_render_desc desc, const FrameSettings &frame,
   }
   if (desc.max_depth == 0) desc.max_depth = default_depth;
   if (desc.tile_size == 0) desc.tile_size = choose_tile_size(tiles, num_threads);
-  desc.tile_size = std::min(desc.tile_size, max_tile_size);
   return desc;
 }
 

@@ -77,8 +77,8 @@ BuildPlan plan_build(const gpurt_build_desc &desc, const DeviceInfo &device, boo
   }
   if (accel != Accel::KdTree) {
     if (const char *setting = kd_tree_setting(desc)) {
-      plan.warnings.push_back(
-          fmt::format("{} has no effect with accel {}; it is a setting of kdtree", setting, accel_name(accel)));
+      plan.warnings.push_back(fmt::format("{} has no effect with accel {}; it is a setting of kdtree",
+                                          setting, accel_name(accel)));
     }
     if (has_imported_trees) {
       plan.warnings.push_back(

@@ -246,7 +246,7 @@ TEST_P(Render, Row51LongCall)
   commit_scene(scene);
   uint64_t bad = 0, total = 0;
   double worst = 0;
-  for (const uint32_t tile_size : {0u, 512u}) {
+  for (const uint32_t tile_size : {0u, 128u}) {
     gpurt_frame_desc frame_desc = GPURT_FRAME_DESC_INIT;
     frame_desc.width = frame_desc.height = 1024;
     Frame frame;

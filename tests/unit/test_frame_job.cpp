@@ -101,7 +101,7 @@ TEST(Job, UnitsStaySmall)
   render(frame, 100);
   EXPECT_LE(fake.scene->largest_unit_paths, 16384u);
   EXPECT_EQ(statistics(*frame).tile_size, 32u);
-  render(frame, 101, {}, 1000);
+  render(frame, 101, {}, 128);
   EXPECT_EQ(statistics(*frame).tile_size, 128u);
 }
 

@@ -1,5 +1,5 @@
-// Embree behind the accelerator interface. It promises no leak and t within its error bound, not our bits: ids at shared
-// edges and at equal distances come as Embree finds them.
+// Embree behind the accelerator interface. It promises neither our bits nor that no ray passes between triangles: ids at
+// shared edges and at equal distances come as Embree finds them, and rays through vertices may leak (docs/stability.md).
 #include <tbb/task_group.h>
 
 #include <algorithm>
