@@ -123,12 +123,18 @@ TEST_P(References, ImageAgreesWithinItsNoise)
 
   const ImageComparison result = compare_images(color, variance, reference, facts["relmse"]);
   std::printf(
-      "%s against %s, %u spp: relMSE %.3g, trimmed %.3g, mean %+.3f %%, %.3f %% of tiles within 4 sigma, "
+      "%s against %s, %u spp: relMSE %.3g, expected %.3g, trimmed %.3g, mean %+.3f %%, %.3f %% of tiles "
+      "within 4 sigma, "
       "worst %.1f\n",
-      test.scene, test.reference, o.spp, result.relmse, result.trimmed, 100 * (result.mean_ratio - 1),
-      100 * result.tiles_within_4_sigma, result.worst_sigma);
+      test.scene, test.reference, o.spp, result.relmse, result.expected, result.trimmed,
+      100 * (result.mean_ratio - 1), 100 * result.tiles_within_4_sigma, result.worst_sigma);
   if (o.spp >= test.tiles_from && o.spp <= test.tiles_to) {
     EXPECT_GE(result.tiles_within_4_sigma, 0.999);
+  }
+  // Over all tiles: the error is the noise of both images and nothing else. Of some 10^5 values it is known to 2 %; the
+  // trimmed measure leaves out silhouettes and what rare paths do to single pixels.
+  if (o.spp <= std::max(test.spp, test.tiles_to)) {
+    EXPECT_LE(result.trimmed, 1.1 * result.expected);
   }
   // The mean's own noise at these samples is well below the 0.5 % of the promise, but for the caustics of glass.
   double sum = 0, sum_variance = 0;

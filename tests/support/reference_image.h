@@ -42,6 +42,7 @@ inline RgbImage read_rgb_exr(const std::string &path)
 
 struct ImageComparison {
   double relmse = 0, trimmed = 0;   // trimmed: without the worst 0.1 % of pixels
+  double expected = 0;              // of relmse: the noise of both images
   double mean_ratio = 0;            // of the image's mean to the reference's
   double tiles_within_4_sigma = 0;  // share of 8x8 tiles and channels
   double worst_sigma = 0;
@@ -59,6 +60,7 @@ inline ImageComparison compare_images(const std::vector<float> &image, const std
     for (int c = 0; c < 3; ++c) {
       const double x = image[3 * p + c], r = reference.rgb[3 * p + c];
       errors[p] += (x - r) * (x - r) / (r * r + 0.01) / 3;
+      result.expected += variance[3 * p + c] / (r * r + 0.01) / 3 / num_pixels;
       sum_image += x;
       sum_reference += r;
     }
@@ -69,6 +71,7 @@ inline ImageComparison compare_images(const std::vector<float> &image, const std
     result.relmse += errors[p] / num_pixels;
     if (p < kept) result.trimmed += errors[p] / kept;
   }
+  result.expected += reference_relmse;
   result.mean_ratio = sum_image / sum_reference;
 
   size_t within = 0, total = 0;
