@@ -1,5 +1,5 @@
 """Keeps what `scripts/gpu run` wrote as bench/results/DATE-DEVICE-COMMIT.json: verdicts of tests, reference images and
-the sanitizer, and every line of the benchmarks.
+the sanitizer, and every line of the benchmarks. Rows of the failure catalogue go to docs/stability.md.
 
     scripts/gpu keep DIR    DIR: where the run wrote, its $OUT
 """
@@ -8,6 +8,7 @@ import collections
 import json
 import pathlib
 import re
+import subprocess
 import sys
 
 
@@ -45,6 +46,10 @@ def main():
     partial.write_text(json.dumps(result, indent=1) + "\n")
     partial.rename(path)
     print(path)
+    if (folder / "stability.csv").exists():
+        subprocess.run([sys.executable, "tests/stability/report.py", "--results", folder / "stability.csv", "--device",
+                        about["device"].split(",")[0], "--commit", about["commit"]], check=True)
+        print("docs/stability.md")
 
 
 if __name__ == "__main__":

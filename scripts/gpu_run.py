@@ -1,6 +1,7 @@
 """Runs the CUDA tests, the reference images, the sanitizer and the benchmarks of .gpu/tree, and keeps what they say.
 
-Writes tests.json, references.json, sanitizer.json, bench.jsonl (one line a case) and log.txt into $OUT. Reference
+Writes tests.json, stability.csv (rows of the failure catalogue), references.json, sanitizer.json, bench.jsonl (one line
+a case) and log.txt into $OUT. Reference
 images need the folder of the scenes: --scenes, or $GPURT_TEST_SCENES, or .gpu/scenes, shared/scenes or
 ../shared/scenes where one of these is there. The sanitizer needs compute-sanitizer, on the PATH or in
 /usr/local/cuda/bin. Fails if a test or a benchmark failed, if a CUDA test was skipped, or if none ran.
@@ -140,7 +141,8 @@ def run_tests(run, program, test_filter, timeout):
             break
         # Line by line, so that what a test printed is there when it crashes.
         by_line = ["stdbuf", "-oL"] if shutil.which("stdbuf") else []
-        status, text, seconds = run.command([*by_line, program, f"--gtest_filter={':'.join(left)}"], timeout)
+        status, text, seconds = run.command([*by_line, program, f"--gtest_filter={':'.join(left)}"], timeout,
+                                            GPURT_STABILITY_RESULTS=str((run.out / "stability.csv").resolve()))
         done = results_in(text)
         for test, result, test_seconds, printed in done:
             if test_seconds is None:
@@ -161,6 +163,7 @@ def run_tests(run, program, test_filter, timeout):
 
 def stage_tests(run, about, args):
     tests = []
+    (run.out / "stability.csv").unlink(missing_ok=True)  # tests append to it
     for program in sorted(p for p in (TREE / "tests").glob("*/*") if p.is_file() and p != REFERENCES):
         start = time.monotonic()
         found = run_tests(run, program, args.filter, args.timeout)

@@ -122,7 +122,7 @@ def notes(entries, methods):
 
 
 def leak_table(leaks):
-    methods = list(dict.fromkeys(line["method"] for line in leaks))
+    methods = [method for method in TITLES if any(line["method"] == method for line in leaks)]
     by_mesh = {}
     for line in leaks:
         by_mesh.setdefault(line["mesh"], {})[line["method"]] = line
