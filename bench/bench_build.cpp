@@ -74,8 +74,9 @@ int main(int argc, char **argv)
 
   for (const std::string &what : scenes) {
     const bench::TriangleScene source = bench::load_scene(what);
-    Samples raw, embree, kdtree;
-    gpurt_scene_facts embree_facts = GPURT_SCENE_FACTS_INIT, kdtree_facts = GPURT_SCENE_FACTS_INIT;
+    Samples raw, embree, kdtree, bvh;
+    gpurt_scene_facts embree_facts = GPURT_SCENE_FACTS_INIT, kdtree_facts = GPURT_SCENE_FACTS_INIT,
+                      bvh_facts = GPURT_SCENE_FACTS_INIT;
     for (int r = 0; r <= repeats; ++r) {  // the first round warms up
       Samples sink;
       {
@@ -92,10 +93,14 @@ int main(int argc, char **argv)
       t = now();
       kdtree_facts = scene.commit(GPURT_ACCEL_KDTREE);
       (r == 0 ? sink : kdtree).seconds.push_back(now() - t);
+      t = now();
+      bvh_facts = scene.commit(GPURT_ACCEL_BVH);
+      (r == 0 ? sink : bvh).seconds.push_back(now() - t);
     }
     print("embree_raw", source, threads, properties.instruction_set, raw, raw, nullptr);
     print("gpurt_embree", source, threads, properties.instruction_set, embree, raw, &embree_facts);
     print("gpurt_kdtree", source, threads, properties.instruction_set, kdtree, raw, &kdtree_facts);
+    print("gpurt_bvh", source, threads, properties.instruction_set, bvh, raw, &bvh_facts);
   }
   gpurt_device_release(device);
   return 0;

@@ -188,16 +188,20 @@ int main(int argc, char **argv)
     bench::EmbreeReference reference(source, 1);
     reference.build();
     bench::GpurtScene embree(device, source), watertight(device, source), moller(device, source),
-        precise(device, source);
+        precise(device, source), bvh(device, source), bvh_moller(device, source);
     embree.commit(GPURT_ACCEL_EMBREE);
     watertight.commit(GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_WATERTIGHT);
     moller.commit(GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_MOLLER_TRUMBORE);
     precise.commit(GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_DOUBLE);
+    bvh.commit(GPURT_ACCEL_BVH, GPURT_TRIANGLE_WATERTIGHT);
+    bvh_moller.commit(GPURT_ACCEL_BVH, GPURT_TRIANGLE_MOLLER_TRUMBORE);
     const std::vector<Method> methods = {{"embree_raw", nullptr},
                                          {"gpurt_embree", embree.get()},
                                          {"gpurt_kdtree_watertight", watertight.get()},
                                          {"gpurt_kdtree_moller_trumbore", moller.get()},
-                                         {"gpurt_kdtree_double", precise.get()}};
+                                         {"gpurt_kdtree_double", precise.get()},
+                                         {"gpurt_bvh_watertight", bvh.get()},
+                                         {"gpurt_bvh_moller_trumbore", bvh_moller.get()}};
     for (const RaySet &set : make_rays(source, reference, size)) {
       run(source, properties.instruction_set, reference, methods, set, repeats);
     }

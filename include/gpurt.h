@@ -446,14 +446,14 @@ typedef enum gpurt_accel {
       0, /* CUDA: kdtree; CPU: embree, unless an imported tree or a setting of the kdtree is there */
   GPURT_ACCEL_KDTREE = 1, /* the same bits on every backend */
   GPURT_ACCEL_EMBREE = 2, /* CPU alone; not the same bits; rare leaks at vertices: docs/stability.md */
-  GPURT_ACCEL_BVH = 3,    /* this version: UNSUPPORTED */
+  GPURT_ACCEL_BVH = 3,    /* 2-wide; this version: CPU alone */
   GPURT_ACCEL_FORCE32 = 0x7fffffff
 } gpurt_accel;
 
 typedef enum gpurt_triangle_test {
   GPURT_TRIANGLE_WATERTIGHT = 0,      /* Woop, Benthin and Wald 2013; Embree: its robust mode */
   GPURT_TRIANGLE_MOLLER_TRUMBORE = 1, /* leaks at edges; Embree: its fast mode */
-  GPURT_TRIANGLE_DOUBLE = 2,          /* the watertight test in double precision; kdtree alone */
+  GPURT_TRIANGLE_DOUBLE = 2,          /* the watertight test in double precision; not embree */
   GPURT_TRIANGLE_TEST_FORCE32 = 0x7fffffff
 } gpurt_triangle_test;
 
@@ -480,7 +480,7 @@ typedef struct gpurt_build_desc {
  *  A failed commit leaves the previous one in force. Work in flight keeps the commit it started with.
  *  An empty scene is legal: every ray misses.
  *  Errors: INVALID_ARGUMENT; OUT_OF_MEMORY; UNSUPPORTED; IO for a cache file that cannot be written.
- *  Source: SAH kd-tree with perfect splits after Wald and Havran 2006.
+ *  Source: SAH kd-tree with perfect splits after Wald and Havran 2006; bvh with spatial splits after Stich et al. 2009.
  */
 GPURT_API gpurt_result gpurt_scene_commit(gpurt_scene scene, const gpurt_build_desc *desc);
 

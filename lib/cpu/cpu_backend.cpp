@@ -84,7 +84,7 @@ std::shared_ptr<const CommittedScene> CpuBackend::commit(std::shared_ptr<const C
     switch (options.accel) {
       case Accel::Auto:
       case Accel::Embree:
-        // The test in double precision exists for the kd-tree alone: asking for it decides where the caller did not.
+        // Embree has no test in double precision: asking for it decides where the caller did not.
         accelerator = options.accel == Accel::Auto && options.triangle_test == TriangleTest::Double
                           ? make_kd_accelerator(context, options)
                           : make_embree_accelerator(context, options);
@@ -93,7 +93,8 @@ std::shared_ptr<const CommittedScene> CpuBackend::commit(std::shared_ptr<const C
         accelerator = make_kd_accelerator(context, options);
         break;
       case Accel::Bvh:
-        fail(GPURT_ERROR_UNSUPPORTED, "there is no bvh accelerator in this version; use kdtree or embree");
+        accelerator = make_bvh_accelerator(context, options);
+        break;
     }
   });
   return std::make_shared<CpuScene>(std::move(scene), std::move(accelerator), arena_, memory_);

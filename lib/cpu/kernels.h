@@ -1,15 +1,14 @@
 // The hot loops that are compiled once per instruction set, as this machine runs them.
 #pragma once
 
-#include "core/accel/ray.h"
+#include "cpu/accel/kernel_table.h"
 
 namespace gpurt {
 
-struct TraceKernels;
-
 struct CpuKernels {
-  const char *isa;  // accel/isa.h
-  const TraceKernels &(*trace)(TriangleTest test, bool masks, bool placements);
+  const char *isa;                                                               // accel/isa.h
+  const TraceKernels &(*trace)(TriangleTest test, bool masks, bool placements);  // over kd-trees
+  const TraceKernels &(*bvh)(TriangleTest test, bool masks, bool placements);
 };
 
 const CpuKernels &cpu_kernels();

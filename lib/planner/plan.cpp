@@ -38,7 +38,7 @@ void choose_accel(const gpurt_build_desc &desc, const DeviceInfo &device, bool h
   if (device.type == GPURT_DEVICE_CUDA) return choose(Accel::KdTree, "the default of CUDA devices");
   if (has_imported_trees) return choose(Accel::KdTree, "a tree was imported");
   if (desc.triangle_test == GPURT_TRIANGLE_DOUBLE)
-    return choose(Accel::KdTree, "it alone has the double triangle test");
+    return choose(Accel::KdTree, "embree has no double triangle test");
   if (const char *setting = kd_tree_setting(desc))
     return choose(Accel::KdTree, fmt::format("{} is set", setting));
   choose(Accel::Embree, "the fastest on CPUs");
@@ -63,10 +63,9 @@ BuildPlan plan_build(const gpurt_build_desc &desc, const DeviceInfo &device, boo
   choose_accel(desc, device, has_imported_trees, plan);
 
   const Accel accel = plan.options.accel;
-  if (accel == Accel::Bvh) {
+  if (accel == Accel::Bvh && device.type != GPURT_DEVICE_CPU) {
     fail(GPURT_ERROR_UNSUPPORTED,
-         "GPURT_ACCEL_BVH is not supported by this version; use GPURT_ACCEL_KDTREE or {}",
-         device.type == GPURT_DEVICE_CPU ? "GPURT_ACCEL_EMBREE" : "GPURT_ACCEL_AUTO");
+         "GPURT_ACCEL_BVH runs on the CPU device alone in this version; use GPURT_ACCEL_KDTREE");
   }
   if (accel == Accel::Embree && device.type != GPURT_DEVICE_CPU) {
     fail(GPURT_ERROR_UNSUPPORTED, "embree runs on the CPU device alone; use GPURT_ACCEL_KDTREE");

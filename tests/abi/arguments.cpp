@@ -371,7 +371,6 @@ TEST_F(Arguments, Commits)
   refuse_commit("empty_bonus", [](auto &d) { d.empty_bonus = inf_value; });
   refuse_commit("patch_tolerance", [](auto &d) { d.patch_tolerance = -1; });
   refuse_commit("reserved", [](auto &d) { d.reserved = 2; });
-  refuse_commit("GPURT_ACCEL_KDTREE", [](auto &d) { d.accel = GPURT_ACCEL_BVH; }, GPURT_ERROR_UNSUPPORTED);
   refuse_commit(
       "GPURT_ACCEL_KDTREE",
       [](auto &d) {

@@ -24,7 +24,8 @@ TEST(Commits, EmptyScenesMiss)
 {
   const Device device = make_device();
   const Scene scene = make_scene(device);
-  for (const gpurt_accel accel : {GPURT_ACCEL_AUTO, GPURT_ACCEL_KDTREE, GPURT_ACCEL_EMBREE}) {
+  for (const gpurt_accel accel :
+       {GPURT_ACCEL_AUTO, GPURT_ACCEL_KDTREE, GPURT_ACCEL_EMBREE, GPURT_ACCEL_BVH}) {
     commit(scene, accel);
     const gpurt_hit hit = trace_closest(scene, {ray_at_triangle()})[0];
     EXPECT_EQ(hit.primitive, GPURT_INVALID_ID);
@@ -87,6 +88,18 @@ TEST(Commits, FactsTellWhatTheyBuilt)
   EXPECT_GT(f.build_seconds, 0.0);
   commit(scene, GPURT_ACCEL_AUTO);
   EXPECT_EQ(facts_of(scene).accel, GPURT_ACCEL_EMBREE);
+  commit(scene, GPURT_ACCEL_BVH, GPURT_TRIANGLE_DOUBLE);
+  f = facts_of(scene);
+  EXPECT_EQ(f.accel, GPURT_ACCEL_BVH);
+  EXPECT_EQ(f.triangle_test, GPURT_TRIANGLE_DOUBLE);
+  EXPECT_GT(f.num_nodes, 0u);
+  EXPECT_GE(f.num_references, f.num_triangles);
+  EXPECT_GT(f.tree_depth, 0u);
+  EXPECT_GT(f.sah_cost, 0.0);
+  EXPECT_GT(f.accel_bytes, 0u);
+  gpurt_kdtree tree = GPURT_KDTREE_INIT;
+  EXPECT_EQ(gpurt_scene_export_tree(scene, &tree), GPURT_ERROR_INVALID_ARGUMENT);
+  EXPECT_NE(std::string(gpurt_last_error()).find("kdtree"), std::string::npos) << gpurt_last_error();
 }
 
 // What AUTO means follows from the other settings: a setting of the kd-tree asks for the kd-tree.
@@ -111,7 +124,8 @@ TEST(Commits, FailedOnesKeepTheOldScene)
   const Scene scene = make_triangle_scene(device);
   add_mesh(scene, {{{0, 0, 0.5f}, {1, 0, 0.5f}, {0, 1, 0.5f}}, {{0, 1, 2}}});
   gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
-  desc.accel = GPURT_ACCEL_BVH;
+  desc.accel = GPURT_ACCEL_EMBREE;
+  desc.triangle_test = GPURT_TRIANGLE_DOUBLE;
   EXPECT_EQ(gpurt_scene_commit(scene, &desc), GPURT_ERROR_UNSUPPORTED);
   EXPECT_EQ(trace_closest(scene, {ray_at_triangle()})[0].t, 1.0f) << "the mesh is not committed yet";
   commit(scene);

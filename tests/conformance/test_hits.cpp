@@ -1,5 +1,5 @@
-// Closest, any and all hits of the kd-tree against exact geometry: rays at edges, vertices, split planes and along axes,
-// on meshes of six kinds, through the library's own tree and through trees made by CGAL.
+// Closest, any and all hits of the kd-tree and the bvh against exact geometry: rays at edges, vertices, split planes and
+// along axes, on meshes of six kinds, through the library's own trees and through kd-trees made by CGAL.
 #include <optional>
 
 #include "../support/cgal_tree.h"
@@ -18,6 +18,7 @@ constexpr size_t num_rays = 100000;
 
 struct Params {
   std::string kind;
+  gpurt_accel accel;
   bool is_cuda;
 };
 
@@ -25,8 +26,9 @@ std::vector<Params> all_params()
 {
   std::vector<Params> params;
   for (const std::string &kind : mesh_kinds) {
-    params.push_back({kind, false});
-    params.push_back({kind, true});
+    params.push_back({kind, GPURT_ACCEL_KDTREE, false});
+    params.push_back({kind, GPURT_ACCEL_BVH, false});
+    params.push_back({kind, GPURT_ACCEL_KDTREE, true});
   }
   return params;
 }
@@ -42,7 +44,13 @@ class Hits : public ::testing::TestWithParam<Params> {
     oracle_.emplace(named_.mesh);
   }
 
+  bool is_kdtree() const { return GetParam().accel == GPURT_ACCEL_KDTREE; }
+
   Scene make_scene(gpurt_triangle_test test, const ExchangeTree *tree = nullptr)
+  {
+    return make_scene(GetParam().accel, test, tree);
+  }
+  Scene make_scene(gpurt_accel accel, gpurt_triangle_test test, const ExchangeTree *tree = nullptr)
   {
     Scene scene;
     GPURT_EXPECT_OK(gpurt_scene_create(device_, scene.out()));
@@ -58,7 +66,7 @@ class Hits : public ::testing::TestWithParam<Params> {
       desc.references = const_cast<uint32_t *>(tree->references.data());
       GPURT_EXPECT_OK(gpurt_scene_import_tree(scene, &desc));
     }
-    commit(scene, GPURT_ACCEL_KDTREE, test);
+    commit(scene, accel, test);
     return scene;
   }
 
@@ -162,7 +170,8 @@ TEST_P(Hits, AgreeWithExactGeometry)
 
   // The same rays for all trees: half of those with origins in split planes use CGAL's planes, half the library's.
   const Scene own = make_scene(GPURT_TRIANGLE_WATERTIGHT);
-  std::vector<SplitPlane> planes = split_planes(exported_nodes(own));
+  const Scene kd_tree = make_scene(GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_WATERTIGHT);
+  std::vector<SplitPlane> planes = split_planes(exported_nodes(kd_tree));
   EXPECT_FALSE(planes.empty());
   const std::vector<SplitPlane> cgal_planes = split_planes(median.nodes);
   while (planes.size() < cgal_planes.size()) planes.insert(planes.end(), planes.begin(), planes.end());
@@ -172,11 +181,13 @@ TEST_P(Hits, AgreeWithExactGeometry)
   make_rays(planes, float_precision, num_rays, 5);
   check_closest(own, kind + ", own tree");
   check_all(own, kind + ", own tree");
-  const Scene imported = make_scene(GPURT_TRIANGLE_WATERTIGHT, &median);
-  check_closest(imported, kind + ", CGAL median tree");
-  check_all(imported, kind + ", CGAL median tree");
-  const Scene slid = make_scene(GPURT_TRIANGLE_WATERTIGHT, &sliding);
-  check_closest(slid, kind + ", CGAL sliding midpoint tree");
+  if (is_kdtree()) {
+    const Scene imported = make_scene(GPURT_TRIANGLE_WATERTIGHT, &median);
+    check_closest(imported, kind + ", CGAL median tree");
+    check_all(imported, kind + ", CGAL median tree");
+    const Scene slid = make_scene(GPURT_TRIANGLE_WATERTIGHT, &sliding);
+    check_closest(slid, kind + ", CGAL sliding midpoint tree");
+  }
 
   make_rays(planes, double_precision, num_rays / 5, 6);
   const Scene doubled = make_scene(GPURT_TRIANGLE_DOUBLE);
@@ -188,6 +199,7 @@ TEST_P(Hits, AgreeWithExactGeometry)
 
 TEST_P(Hits, ImportedTreesComeBackAsTheyWere)
 {
+  if (!is_kdtree()) GTEST_SKIP() << "the tree exchange knows kd-trees alone";
   const ExchangeTree tree = build_cgal_tree(named_.mesh, TreePoints::Vertices, TreeCut::Median, 8);
   const Scene scene = make_scene(GPURT_TRIANGLE_WATERTIGHT, &tree);
   gpurt_kdtree out = GPURT_KDTREE_INIT;
@@ -220,7 +232,8 @@ TEST_P(Hits, ImportedTreesComeBackAsTheyWere)
 }
 
 INSTANTIATE_TEST_SUITE_P(Meshes, Hits, ::testing::ValuesIn(all_params()), [](const auto &info) {
-  return (info.param.is_cuda ? "cuda_" : "") + info.param.kind;
+  return std::string(info.param.is_cuda ? "cuda_" : "") +
+         (info.param.accel == GPURT_ACCEL_BVH ? "bvh_" : "") + info.param.kind;
 });
 
 }  // namespace

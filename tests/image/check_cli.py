@@ -90,7 +90,8 @@ def case_failures():
     refused(1, "absent.glb", "render", "absent.glb", "-o", "a.png", *CPU)
     refused(1, "no/such/folder", "render", cornell, "-o", "no/such/folder/a.png")
     refused(1, "--pipeline reyes is not supported", "render", cornell, "-o", "a.png", "--pipeline", "reyes", *CPU)
-    refused(1, "use --accel kdtree", "render", cornell, "-o", "a.png", "--accel", "bvh", *CPU)
+    refused(1, "use --accel kdtree", "render", cornell, "-o", "a.png", "--accel", "embree", "--triangle-test", "double",
+            *CPU)
     refused(1, "gpurt devices", "render", cornell, "-o", "a.png", "--device", "cuda:99")
     (WORK / "folder.png").mkdir()
     refused(1, "is a folder", "render", cornell, "-o", "folder.png")
@@ -233,7 +234,7 @@ def case_verify_and_bench():
     assert "agree" in run("verify", ball, "--rays", 20000).stdout
     lines = run("bench", ball, "--width", 64, "--repeats", 3, *CPU).stdout.splitlines()
     cases = [json.loads(line) for line in lines]
-    assert {(c["accel"], c["rays"]) for c in cases} == {(a, r) for a in ("kdtree", "embree")
+    assert {(c["accel"], c["rays"]) for c in cases} == {(a, r) for a in ("kdtree", "bvh", "embree")
                                                        for r in ("primary", "diffuse", "ao", "random")}
     for c in cases:
         assert c["mrays_per_second_min"] <= c["mrays_per_second"] <= c["mrays_per_second_max"] and c["num_rays"] > 0

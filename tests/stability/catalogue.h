@@ -22,8 +22,9 @@ struct Method {
 
   bool is_cuda() const { return device == GPURT_DEVICE_CUDA; }
   bool is_kdtree() const { return accel == GPURT_ACCEL_KDTREE; }
+  bool is_embree() const { return accel == GPURT_ACCEL_EMBREE; }
   /// The test whose every freedom is known: see exact_oracle.h.
-  bool is_exact() const { return is_kdtree() && test != GPURT_TRIANGLE_MOLLER_TRUMBORE; }
+  bool is_exact() const { return !is_embree() && test != GPURT_TRIANGLE_MOLLER_TRUMBORE; }
 };
 const std::vector<Method> &methods();
 inline void PrintTo(const Method &method, std::ostream *out) { *out << method.name; }

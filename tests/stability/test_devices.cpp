@@ -44,7 +44,11 @@ TEST_P(Devices, Row50CpuAgainstGpu)
       add_camera(scenes[i], {centre[0], centre[1], centre[2] + 1.5f * b.extent()}, 1);
       commit_scene(scenes[i]);
     }
-    RaySource source(mesh, split_planes(exported_nodes(scenes[0])), 50);
+    Scene kd_tree;
+    GPURT_ASSERT_OK(gpurt_scene_create(cpu, kd_tree.out()));
+    add_mesh(kd_tree, mesh);
+    commit(kd_tree);
+    RaySource source(mesh, split_planes(exported_nodes(kd_tree)), 50);
     std::vector<gpurt_ray> rays;
     for (uint64_t i = 0; i < count(80000, 1000000); ++i) rays.push_back(source(RayKind(i % 8)));
     std::vector<uint64_t> offsets[2];

@@ -115,7 +115,7 @@ void run(const BenchOptions &o)
   const gpurt_device_properties properties = properties_of(device);
   std::vector<std::string> accels = o.accels;
   if (accels.empty())
-    accels = properties.type == GPURT_DEVICE_CPU ? std::vector<std::string>{"kdtree", "embree"}
+    accels = properties.type == GPURT_DEVICE_CPU ? std::vector<std::string>{"kdtree", "bvh", "embree"}
                                                  : std::vector<std::string>{"kdtree"};
 
   std::vector<RaySet> sets;  // of the first accelerator: all trace the same rays

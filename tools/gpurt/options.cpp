@@ -120,14 +120,13 @@ void BuildOptions::add_to(CLI::App &command)
   command
       .add_option(
           "--accel", accel,
-          "acceleration structure: auto, kdtree (same bits on every device), embree (CPU) or bvh (not "
-          "in this version)")
+          "acceleration structure: auto, kdtree (same bits on every device), embree (CPU) or bvh (CPU)")
       ->check(one_of(accels))
       ->type_name("NAME")
       ->capture_default_str();
   command
       .add_option("--triangle-test", triangle_test,
-                  "watertight, moller-trumbore (leaks at edges) or double (kdtree)")
+                  "watertight, moller-trumbore (leaks at edges) or double (not embree)")
       ->check(one_of(tests))
       ->type_name("NAME")
       ->capture_default_str();

@@ -216,7 +216,7 @@ def test_lights_and_environment(device):
 
 @pytest.mark.parametrize("accel, triangle_test", [
     ("kdtree", "watertight"), ("kdtree", "moller-trumbore"), ("kdtree", "double"), ("embree", "watertight"),
-    ("auto", "watertight")])
+    ("bvh", "watertight"), ("bvh", "double"), ("auto", "watertight")])
 def test_accelerators_find_the_same_walls(device, accel, triangle_test):
     scene = make_box(device, accel, triangle_test=triangle_test)
     hits = scene.trace(origins=(0, 0, 0), directions=[(1, 0.3, 0.2), (-1, 0.1, 0.2), (0.1, -1, 0.3), (0.1, 0.3, -1)])
@@ -227,8 +227,6 @@ def test_accelerators_find_the_same_walls(device, accel, triangle_test):
 def test_unsupported_accelerators(device):
     scene = make_box(device, "kdtree")
     with pytest.raises(gpurt.Unsupported):
-        scene.commit("bvh")
-    with pytest.raises(gpurt.Error):
         scene.commit("embree", triangle_test="double")
     assert scene.facts.accel == "kdtree", "a failed commit leaves the previous one in force"
 

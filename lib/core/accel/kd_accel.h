@@ -37,11 +37,9 @@ GPURT_INLINE const KdTreeView &group_tree(const KdAccelView &accel, uint32_t gro
 // Tests the triangles of a leaf. on_hit(triangle, hit) returns true to stop; it may lower `limit`.
 // The triangle `known` is left out.
 template <EdgeRule Rule, TriangleTest Test, class OnHit>
-GPURT_INLINE bool test_leaf(const KdAccelView &accel, uint32_t group, uint32_t first, uint32_t count,
-                            const TriangleRay<Test> &ray, float tmin, const float &limit,
-                            const uint32_t &known, OnHit &&on_hit)
+GPURT_INLINE bool test_triangles(const LeafTriangle *triangles, uint32_t count, const TriangleRay<Test> &ray,
+                                 float tmin, const float &limit, const uint32_t &known, OnHit &&on_hit)
 {
-  const LeafTriangle *triangles = accel.groups[group].triangles + first;
   for (uint32_t i = 0; i < count; ++i) {
     const LeafTriangle &x = triangles[i];
     if (x.triangle == known) continue;
@@ -49,6 +47,14 @@ GPURT_INLINE bool test_leaf(const KdAccelView &accel, uint32_t group, uint32_t f
     if (intersect<Rule>(ray, x.a, x.b, x.c, tmin, limit, hit) && on_hit(x.triangle, hit)) return true;
   }
   return false;
+}
+
+template <EdgeRule Rule, TriangleTest Test, class OnHit>
+GPURT_INLINE bool test_leaf(const KdAccelView &accel, uint32_t group, uint32_t first, uint32_t count,
+                            const TriangleRay<Test> &ray, float tmin, const float &limit,
+                            const uint32_t &known, OnHit &&on_hit)
+{
+  return test_triangles<Rule>(accel.groups[group].triangles + first, count, ray, tmin, limit, known, on_hit);
 }
 
 GPURT_FUNCTIONS_END

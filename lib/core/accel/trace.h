@@ -1,11 +1,13 @@
 // Ray queries over a scene: group 0 in world space, then the placements of shared geometries through a tree over their
 // bounds. Closest hit, any hit and all hits differ in their visitor alone.
 //
-// `Accel` is KdAccelView, or another type for which group_tree() and test_leaf() exist and that has a kd-tree
+// `Accel` is KdAccelView, BvhAccelView, or another type for which group_tree() and test_leaf() exist and that has a tree
 // `placements`: backends lay out leaves as suits them. Kernels are compiled with and without alpha masks (`Masks`) and
 // shared geometries (`Placements`): those without what a scene lacks are smaller and faster.
 #pragma once
 
+#include "core/accel/bvh_accel.h"
+#include "core/accel/bvh_traverse.h"
 #include "core/accel/hit_ids.h"
 #include "core/accel/kd_accel.h"
 #include "core/accel/kd_traverse.h"
@@ -20,6 +22,18 @@ struct PlacementMailbox {
 };
 
 GPURT_FUNCTIONS_BEGIN
+
+// Either tree. `Ordered`: leaves that are met early lower the limit for later ones.
+template <bool Ordered, class LeafAction>
+GPURT_INLINE void traverse(const KdTreeView &tree, const TraceRay &ray, float &t_limit, LeafAction &&leaf)
+{
+  traverse_kd(tree, ray, t_limit, leaf);
+}
+template <bool Ordered, class LeafAction>
+GPURT_INLINE void traverse(const BvhView &tree, const TraceRay &ray, float &t_limit, LeafAction &&leaf)
+{
+  traverse_bvh<Ordered>(tree, ray, t_limit, leaf);
+}
 
 GPURT_INLINE bool enter_placement(PlacementMailbox &mailbox, uint32_t placement)
 {
@@ -41,6 +55,7 @@ GPURT_INLINE bool enter_placement(PlacementMailbox &mailbox, uint32_t placement)
 // Keeps the nearest hit; of several at the same t that with the smaller (instance, primitive).
 template <bool Masks>
 struct ClosestVisitor {
+  static constexpr bool is_ordered = true;
   const SceneView *scene;
   float limit;  // largest t of interest
   Hit best;
@@ -58,6 +73,7 @@ struct ClosestVisitor {
 
 template <bool Masks>
 struct AnyVisitor {
+  static constexpr bool is_ordered = false;
   const SceneView *scene;
   float limit;
   bool found;
@@ -72,6 +88,7 @@ struct AnyVisitor {
 // Hands every hit to `sink`, in no order; a triangle that lies in several leaves comes several times, with equal bits.
 template <bool Masks, class Sink>
 struct AllVisitor {
+  static constexpr bool is_ordered = false;
   const SceneView *scene;
   float limit;
   Sink &sink;
@@ -103,7 +120,7 @@ GPURT_HD inline bool trace_group(const Accel &accel, uint32_t group, const Trace
     limit = exponent == 0 ? visitor.limit : scale_by_power(visitor.limit, exponent);
     return is_done;
   };
-  traverse_kd(group_tree(accel, group), ray, limit, [&](uint32_t first, uint32_t count) {
+  traverse<Visitor::is_ordered>(group_tree(accel, group), ray, limit, [&](uint32_t first, uint32_t count) {
     return test_leaf<Rule>(accel, group, first, count, triangle_ray, ray.tmin, limit, known, on_hit);
   });
   return is_done;
@@ -115,7 +132,7 @@ GPURT_HD inline void trace_placements(const Accel &accel, const SceneView &scene
                                       Visitor &visitor)
 {
   PlacementMailbox mailbox = {{invalid_id, invalid_id, invalid_id, invalid_id}, 0};
-  traverse_kd(accel.placements, ray, visitor.limit, [&](uint32_t first, uint32_t count) {
+  traverse<Visitor::is_ordered>(accel.placements, ray, visitor.limit, [&](uint32_t first, uint32_t count) {
     for (uint32_t i = 0; i < count; ++i) {
       const uint32_t id = accel.placements.references[first + i];
       if (!enter_placement(mailbox, id)) continue;

@@ -1,4 +1,4 @@
-// What the CPU backend asks of an acceleration structure: the kd-tree or Embree.
+// What the CPU backend asks of an acceleration structure: the kd-tree, the bvh or Embree.
 #pragma once
 
 #include <functional>
@@ -29,8 +29,9 @@ struct AccelContext {
   std::function<void(gpurt_log_level, const std::string &)> log;
 };
 
-/// Both build on the threads of the calling task arena.
+/// All build on the threads of the calling task arena.
 std::unique_ptr<Accelerator> make_kd_accelerator(const AccelContext &context, const BuildOptions &options);
+std::unique_ptr<Accelerator> make_bvh_accelerator(const AccelContext &context, const BuildOptions &options);
 std::unique_ptr<Accelerator> make_embree_accelerator(const AccelContext &context,
                                                      const BuildOptions &options);
 

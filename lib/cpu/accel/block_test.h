@@ -1,4 +1,4 @@
-// Leaves of the CPU's kd-trees: four triangles at a time.
+// Leaves of the CPU's trees: four triangles at a time.
 //
 // The vector code only discards: what it keeps goes through the scalar test of lib/core, so that hits have the same bits
 // in every instruction set and on every backend. It discards what the scalar test would: it computes the same edge
@@ -6,6 +6,7 @@
 #pragma once
 
 #include "core/accel/trace.h"
+#include "cpu/accel/bvh_view.h"
 #include "cpu/accel/kd_view.h"
 
 // Vectors are passed between inlined functions alone, so that no calling convention is concerned.
@@ -169,17 +170,11 @@ struct BlockTest<TriangleTest::Double> : ScalarDecision<TriangleTest::Double> {
   }
 };
 
-GPURT_INLINE const KdTreeView &group_tree(const CpuKdView &accel, uint32_t group)
-{
-  return accel.groups[group].tree;
-}
-
+// Tests the triangles of a leaf, `count` of them from the first of `blocks` on; see test_triangles of kd_accel.h.
 template <EdgeRule Rule, TriangleTest Test, class OnHit>
-GPURT_INLINE bool test_leaf(const CpuKdView &accel, uint32_t group, uint32_t first, uint32_t count,
-                            const TriangleRay<Test> &ray, float tmin, const float &limit,
-                            const uint32_t &known, OnHit &&on_hit)
+GPURT_INLINE bool test_blocks(const TriangleBlock *blocks, uint32_t count, const TriangleRay<Test> &ray,
+                              float tmin, const float &limit, const uint32_t &known, OnHit &&on_hit)
 {
-  const TriangleBlock *blocks = accel.groups[group].blocks + first;
   for (uint32_t left = count;; left -= triangles_per_block, ++blocks) {
     BlockTest<Test> test;
     uint32_t mask = test.find(ray, *blocks, tmin, limit);
@@ -194,6 +189,24 @@ GPURT_INLINE bool test_leaf(const CpuKdView &accel, uint32_t group, uint32_t fir
     }
     if (left <= triangles_per_block) return false;
   }
+}
+
+GPURT_INLINE const KdTreeView &group_tree(const CpuKdView &accel, uint32_t group)
+{
+  return accel.groups[group].tree;
+}
+GPURT_INLINE const BvhView &group_tree(const CpuBvhView &accel, uint32_t group)
+{
+  return accel.groups[group].tree;
+}
+
+// Of either view.
+template <EdgeRule Rule, TriangleTest Test, class Accel, class OnHit>
+GPURT_INLINE bool test_leaf(const Accel &accel, uint32_t group, uint32_t first, uint32_t count,
+                            const TriangleRay<Test> &ray, float tmin, const float &limit,
+                            const uint32_t &known, OnHit &&on_hit)
+{
+  return test_blocks<Rule>(accel.groups[group].blocks + first, count, ray, tmin, limit, known, on_hit);
 }
 
 GPURT_FUNCTIONS_END

@@ -6,17 +6,13 @@
 #include "accel/kd_trees.h"
 #include "accel/tracked_array.h"
 #include "cpu/accel/accelerator.h"
+#include "cpu/accel/fill_blocks.h"
 #include "cpu/kernels.h"
 
 namespace gpurt {
 namespace {
 
 constexpr const char *tree_memory = "the kd-tree";
-
-uint64_t num_blocks(uint64_t num_triangles)
-{
-  return (num_triangles + triangles_per_block - 1) / triangles_per_block;
-}
 
 // One group's tree in the CPU's layout.
 class GroupTree {
@@ -45,17 +41,9 @@ class GroupTree {
     tbb::parallel_for(uint64_t(0), num_nodes, [&](uint64_t i) {
       if (!is_leaf(nodes_[i])) return;
       const uint32_t first = tree.nodes[i].word, count = payload(nodes_[i]);
-      for (uint32_t n = 0; n < num_blocks(count) * triangles_per_block; ++n) {
-        const uint32_t triangle = group.first_triangle + tree.references[first + std::min(n, count - 1)];
-        TriangleBlock &block = blocks_[nodes_[i].word + n / triangles_per_block];
-        const uint32_t lane = n % triangles_per_block;
-        const UInt3 corner = scene.indices[triangle];
-        const Vec3f p[3] = {scene.positions[corner.x], scene.positions[corner.y], scene.positions[corner.z]};
-        for (int c = 0; c < 3; ++c) {
-          for (int k = 0; k < 3; ++k) block.corner[c][k][lane] = at(p[c], k);
-        }
-        block.triangle[lane] = triangle;
-      }
+      if (count == 0) return;
+      fill_blocks(scene, group.first_triangle, tree.references.data() + first, count,
+                  blocks_.data() + nodes_[i].word);
     });
   }
 

@@ -89,7 +89,7 @@ c_enum! {
         Kdtree = GPURT_ACCEL_KDTREE,
         /// CPU alone; not the same bits; rare leaks at vertices.
         Embree = GPURT_ACCEL_EMBREE,
-        /// This version of the library does not support it.
+        /// 2-wide, with spatial splits; CPU alone in this version.
         Bvh = GPURT_ACCEL_BVH,
     }
 }
@@ -101,7 +101,7 @@ c_enum! {
         Watertight = GPURT_TRIANGLE_WATERTIGHT,
         /// Leaks at edges; Embree: its fast mode.
         MollerTrumbore = GPURT_TRIANGLE_MOLLER_TRUMBORE,
-        /// The watertight test in double precision; kd-tree alone.
+        /// The watertight test in double precision; not Embree.
         Double = GPURT_TRIANGLE_DOUBLE,
     }
 }

@@ -1,6 +1,7 @@
-// Ray queries through the kd-tree against brute force over all triangles.
+// Ray queries through the kd-tree and the bvh against brute force over all triangles.
 #include <tbb/parallel_for.h>
 
+#include "accel/bvh_build.h"
 #include "accel_test.h"
 #include "core/accel/sort_hits.h"
 #include "cpu/accel/kd_view.h"
@@ -11,22 +12,40 @@ namespace {
 
 using namespace test;
 
-void expect_brute_force(const std::shared_ptr<CompiledScene> &scene, const std::vector<Ray> &rays,
-                        const char *what)
-{
-  const SceneView view = scene->view();
-  const auto committed = commit(scene);
-  const std::vector<Hit> hits = trace(*committed, rays);
-  const std::vector<uint8_t> occluded = trace_occluded(*committed, rays);
-  int wrong = 0;
-  for (size_t i = 0; i < rays.size(); ++i) {
-    const Hit expected = brute_force(view, rays[i]);
-    EXPECT_EQ(occluded[i] != 0, expected.triangle != invalid_id) << what << " ray " << i;
-    if (same_bits(hits[i], expected)) continue;
-    ADD_FAILURE() << what << " ray " << i << ": " << text(hits[i]) << ", brute force: " << text(expected);
-    if (++wrong == 5) break;
+class TreeTrace : public ::testing::TestWithParam<Accel> {
+ protected:
+  static BuildOptions options(TriangleTest test = TriangleTest::Watertight)
+  {
+    BuildOptions o;
+    o.accel = GetParam();
+    o.triangle_test = test;
+    return o;
   }
-}
+  static std::shared_ptr<const CpuScene> commit(std::shared_ptr<const CompiledScene> scene,
+                                                const BuildOptions &o = options())
+  {
+    return test::commit(std::move(scene), o);
+  }
+  static void expect_brute_force(const std::shared_ptr<CompiledScene> &scene, const std::vector<Ray> &rays,
+                                 const char *what)
+  {
+    const SceneView view = scene->view();
+    const auto committed = commit(scene);
+    const std::vector<Hit> hits = trace(*committed, rays);
+    const std::vector<uint8_t> occluded = trace_occluded(*committed, rays);
+    int wrong = 0;
+    for (size_t i = 0; i < rays.size(); ++i) {
+      const Hit expected = brute_force(view, rays[i]);
+      EXPECT_EQ(occluded[i] != 0, expected.triangle != invalid_id) << what << " ray " << i;
+      if (same_bits(hits[i], expected)) continue;
+      ADD_FAILURE() << what << " ray " << i << ": " << text(hits[i]) << ", brute force: " << text(expected);
+      if (++wrong == 5) break;
+    }
+  }
+};
+
+INSTANTIATE_TEST_SUITE_P(Accelerators, TreeTrace, ::testing::Values(Accel::KdTree, Accel::Bvh),
+                         [](const auto &info) { return info.param == Accel::Bvh ? "bvh" : "kdtree"; });
 
 Mesh integer_grid(int n)
 {
@@ -45,7 +64,7 @@ Mesh integer_grid(int n)
   return m;
 }
 
-TEST(KdTrace, MeetsWhatBruteForceMeets)
+TEST_P(TreeTrace, MeetsWhatBruteForceMeets)
 {
   Random rng(11);
   Mesh needles, twice = soup(rng, 500, 0.3f, 1);
@@ -64,7 +83,7 @@ TEST(KdTrace, MeetsWhatBruteForceMeets)
 }
 
 // Catalogue row 20.
-TEST(KdTrace, EmptyTinyAndDegenerateScenes)
+TEST_P(TreeTrace, EmptyTinyAndDegenerateScenes)
 {
   Random rng(12);
   const std::vector<Ray> rays = mixed_rays(rng, 1000, 1);
@@ -82,7 +101,7 @@ TEST(KdTrace, EmptyTinyAndDegenerateScenes)
 }
 
 // Catalogue rows 10 and 11.
-TEST(KdTrace, FarFromTheOriginAndAtAnyScale)
+TEST_P(TreeTrace, FarFromTheOriginAndAtAnyScale)
 {
   Random rng(13);
   const Mesh mesh = soup(rng, 1000, 0.3f, 1);
@@ -118,14 +137,14 @@ TEST(KdTrace, FarFromTheOriginAndAtAnyScale)
 }
 
 // Catalogue rows 1 and 2. GPURT_LEAK_RAYS sets another number of rays.
-TEST(KdTrace, ClosedSurfacesDoNotLeak)
+TEST_P(TreeTrace, ClosedSurfacesDoNotLeak)
 {
   const char *wanted = std::getenv("GPURT_LEAK_RAYS");
   const uint64_t num_rays = wanted ? std::strtoull(wanted, nullptr, 10) : 1000000;
   const Mesh sphere = icosphere(5, 1);
   const auto scene = scene_of(sphere);
   for (TriangleTest test : {TriangleTest::Watertight, TriangleTest::Double}) {
-    const auto committed = commit(scene, kd_options(test));
+    const auto committed = commit(scene, options(test));
     std::atomic<uint64_t> misses{0};
     tbb::parallel_for(uint64_t(0), num_rays / 1000, [&](uint64_t block) {
       Random rng(uint32_t(block * 7919 + 1));
@@ -144,7 +163,7 @@ TEST(KdTrace, ClosedSurfacesDoNotLeak)
 }
 
 // Catalogue row 3: a height field on an integer grid, and rays down its columns, edges and corners.
-TEST(KdTrace, IntegerGridsHaveNoPinholes)
+TEST_P(TreeTrace, IntegerGridsHaveNoPinholes)
 {
   const auto scene = commit(scene_of(integer_grid(64)));
   std::vector<Ray> rays;
@@ -158,7 +177,7 @@ TEST(KdTrace, IntegerGridsHaveNoPinholes)
 }
 
 // Catalogue rows 4, 5 and 6: the tree's own planes as origins, rays along axes, both zeros.
-TEST(KdTrace, OriginsOnSplitPlanesAndRaysInThem)
+TEST_P(TreeTrace, OriginsOnSplitPlanesAndRaysInThem)
 {
   Random rng(14);
   Mesh mesh = soup(rng, 300, 0.4f, 1);
@@ -167,7 +186,8 @@ TEST(KdTrace, OriginsOnSplitPlanesAndRaysInThem)
   const auto scene = scene_of(mesh);
   const SceneView view = scene->view();
   const auto committed = commit(scene);
-  const HostKdTree tree = committed->export_tree(0);
+  // Planes of the kd-tree are faces of boxes of triangles, and parts of them, for either tree.
+  const HostKdTree tree = commit(scene, kd_options())->export_tree(0);
   std::vector<Ray> rays, twins;
   for (const KdNode &node : tree.nodes) {
     if (is_leaf(node)) continue;
@@ -197,7 +217,7 @@ TEST(KdTrace, OriginsOnSplitPlanesAndRaysInThem)
 }
 
 // Catalogue row 7.
-TEST(KdTrace, DenormalDirectionsMeetWhatNormalisedOnesMeet)
+TEST_P(TreeTrace, DenormalDirectionsMeetWhatNormalisedOnesMeet)
 {
   Random rng(15);
   const auto committed = commit(scene_of(soup(rng, 500, 0.4f, 1)));
@@ -230,7 +250,7 @@ TEST(KdTrace, DenormalDirectionsMeetWhatNormalisedOnesMeet)
 }
 
 // Catalogue row 13.
-TEST(KdTrace, NearLayersAreToldApart)
+TEST_P(TreeTrace, NearLayersAreToldApart)
 {
   Mesh both = icosphere(4, 1);
   const size_t num_inner = both.triangles.size();
@@ -243,7 +263,7 @@ TEST(KdTrace, NearLayersAreToldApart)
 }
 
 // Catalogue row 14.
-TEST(KdTrace, OfCoincidentTrianglesTheFirstIsMet)
+TEST_P(TreeTrace, OfCoincidentTrianglesTheFirstIsMet)
 {
   Random rng(17);
   const Mesh mesh = soup(rng, 500, 0.4f, 1);
@@ -293,7 +313,7 @@ std::vector<std::vector<Hit>> trace_all_hits(const CpuScene &scene, const std::v
 }
 
 // Catalogue row 15: a stack of touching boxes, and rays through faces, edges and corners.
-TEST(KdTrace, AllHitsAreEvenSortedAndOnce)
+TEST_P(TreeTrace, AllHitsAreEvenSortedAndOnce)
 {
   Random rng(18);
   Mesh stack;
@@ -311,15 +331,15 @@ TEST(KdTrace, AllHitsAreEvenSortedAndOnce)
     if (i % 3 == 2) r.direction = scene->positions[rng.below(uint32_t(scene->positions.size()))] - r.origin;
     rays.push_back(r);
   }
-  for (Accel accel : {Accel::KdTree, Accel::Embree}) {
-    BuildOptions options = kd_options();
-    options.accel = accel;
-    const auto committed = commit(scene, options);
+  for (Accel accel : {GetParam(), Accel::Embree}) {
+    BuildOptions chosen = options();
+    chosen.accel = accel;
+    const auto committed = commit(scene, chosen);
     const auto hits = trace_all_hits(*committed, rays, view);
     uint64_t total = 0;
     for (size_t i = 0; i < rays.size(); ++i) {
       // Embree meets one or both triangles of an edge.
-      if (accel == Accel::KdTree) {
+      if (accel != Accel::Embree) {
         ASSERT_EQ(hits[i].size() % 2, 0u) << i;
         const std::vector<Hit> expected = brute_force_all(view, rays[i]);
         ASSERT_EQ(hits[i].size(), expected.size()) << i;
@@ -332,7 +352,7 @@ TEST(KdTrace, AllHitsAreEvenSortedAndOnce)
   }
 }
 
-TEST(KdTrace, AllHitsSayHowMuchRoomTheyNeed)
+TEST_P(TreeTrace, AllHitsSayHowMuchRoomTheyNeed)
 {
   Random rng(19);
   const auto committed = commit(scene_of(soup(rng, 200, 1, 1)));
@@ -360,21 +380,10 @@ TEST(KdTrace, AllHitsSayHowMuchRoomTheyNeed)
 
 // The leaves and the sort that devices use: lists of crossings become the sorted hits, whatever their t: of directions
 // so short or so long that it overflows or vanishes too.
-TEST(KdTrace, ListsOfCrossingsBecomeTheSortedHits)
+template <class AccelView>
+void expect_sorted_crossings(const AccelView &accel, const SceneView &view, Random &rng,
+                             uint64_t least_repeated)
 {
-  Random rng(20);
-  const auto scene = scene_of(soup(rng, 300, 0.7f, 1));
-  const SceneView view = scene->view();
-  const auto committed = commit(scene);
-  const HostKdTree tree = committed->export_tree(0);
-  std::vector<LeafTriangle> leaves;
-  for (uint32_t t : tree.references) {
-    const UInt3 c = view.indices[t];
-    leaves.push_back({view.positions[c.x], t, view.positions[c.y], 0, view.positions[c.z], 0});
-  }
-  const KdGroupView group = {
-      {tree.nodes.data(), tree.references.data(), tree.bounds, uint32_t(tree.nodes.size())}, leaves.data()};
-  const KdAccelView accel = {&group, {}, 1};
   uint64_t num_infinite = 0, num_repeated = 0;
   for (Ray ray : mixed_rays(rng, 3000, 1)) {
     const float scales[] = {1, 1, 0x1p-140f, 0x1p-60f, 0x1p60f, 0x1p120f};
@@ -396,10 +405,45 @@ TEST(KdTrace, ListsOfCrossingsBecomeTheSortedHits)
                           brute_force(view, ray)));
   }
   EXPECT_GT(num_infinite, 100u);
-  EXPECT_GT(num_repeated, 100u);
+  EXPECT_GE(num_repeated, least_repeated);
 }
 
-TEST(KdTrace, ListsOfAnyLengthAreSorted)
+std::vector<LeafTriangle> leaf_triangles(const SceneView &view, const std::vector<uint32_t> &references)
+{
+  std::vector<LeafTriangle> leaves;
+  for (uint32_t t : references) {
+    const UInt3 c = view.indices[t];
+    leaves.push_back({view.positions[c.x], t, view.positions[c.y], 0, view.positions[c.z], 0});
+  }
+  return leaves;
+}
+
+TEST_P(TreeTrace, ListsOfCrossingsBecomeTheSortedHits)
+{
+  Random rng(20);
+  const auto scene = scene_of(soup(rng, 300, 0.7f, 1));
+  const SceneView view = scene->view();
+  if (GetParam() == Accel::KdTree) {
+    const HostKdTree tree = commit(scene)->export_tree(0);
+    const std::vector<LeafTriangle> leaves = leaf_triangles(view, tree.references);
+    const KdGroupView group = {
+        {tree.nodes.data(), tree.references.data(), tree.bounds, uint32_t(tree.nodes.size())}, leaves.data()};
+    expect_sorted_crossings(KdAccelView{&group, {}, 1}, view, rng, 100);
+  } else {
+    KdSource source;
+    source.count = scene->indices.size();
+    source.positions = scene->positions.data();
+    source.indices = scene->indices.data();
+    BvhBuildStats stats;
+    const HostBvh tree = build_bvh(source, nullptr, stats);
+    const std::vector<LeafTriangle> leaves = leaf_triangles(view, tree.references);
+    const BvhGroupView group = {
+        {tree.nodes.data(), tree.references.data(), tree.bounds, tree.center, tree.root}, leaves.data()};
+    expect_sorted_crossings(BvhAccelView{&group, {}, 1}, view, rng, 10);
+  }
+}
+
+TEST(SortHits, ListsOfAnyLengthAreSorted)
 {
   Random rng(23);
   const auto scene = scene_of(soup(rng, 400, 0.7f, 1));
@@ -424,7 +468,7 @@ TEST(KdTrace, ListsOfAnyLengthAreSorted)
   }
 }
 
-TEST(KdTrace, InstructionSetsGiveTheSameBits)
+TEST_P(TreeTrace, InstructionSetsGiveTheSameBits)
 {
   Random rng(21);
   Mesh mesh = soup(rng, 3000, 0.2f, 1);
@@ -432,14 +476,15 @@ TEST(KdTrace, InstructionSetsGiveTheSameBits)
   const auto scene = scene_of(mesh);
   const std::vector<Ray> rays = mixed_rays(rng, 30000, 2);
   for (TriangleTest test : {TriangleTest::Watertight, TriangleTest::MollerTrumbore, TriangleTest::Double}) {
-    const auto committed = commit(scene, kd_options(test));
+    const auto committed = commit(scene, options(test));
     int num_variants = 0;
     std::vector<Hit> first;
     for (const char *isa : {"generic", "x86_64", "x86_64_v3"}) {
       const CpuKernels *kernels = cpu_kernels(isa);
       if (kernels == nullptr) continue;
       CpuAccel accel = committed->accel();
-      const TraceKernels &table = kernels->trace(test, false, false);
+      const TraceKernels &table =
+          (GetParam() == Accel::Bvh ? kernels->bvh : kernels->trace)(test, false, false);
       std::vector<Hit> hits(rays.size());
       table.closest(accel, rays.data(), hits.data(), uint32_t(rays.size()));
       std::vector<uint8_t> occluded(rays.size());
@@ -454,14 +499,14 @@ TEST(KdTrace, InstructionSetsGiveTheSameBits)
   }
 }
 
-TEST(KdTrace, TheOtherTestsMeetWhatTheirBruteForceMeets)
+TEST_P(TreeTrace, TheOtherTestsMeetWhatTheirBruteForceMeets)
 {
   Random rng(22);
   const auto scene = scene_of(soup(rng, 1000, 0.3f, 1));
   const SceneView view = scene->view();
   const std::vector<Ray> rays = mixed_rays(rng, 10000, 1);
-  const std::vector<Hit> moller = trace(*commit(scene, kd_options(TriangleTest::MollerTrumbore)), rays);
-  const std::vector<Hit> in_double = trace(*commit(scene, kd_options(TriangleTest::Double)), rays);
+  const std::vector<Hit> moller = trace(*commit(scene, options(TriangleTest::MollerTrumbore)), rays);
+  const std::vector<Hit> in_double = trace(*commit(scene, options(TriangleTest::Double)), rays);
   for (size_t i = 0; i < rays.size(); ++i) {
     ASSERT_TRUE(same_bits(moller[i], brute_force<TriangleTest::MollerTrumbore>(view, rays[i])));
     ASSERT_TRUE(same_bits(in_double[i], brute_force<TriangleTest::Double>(view, rays[i])));
@@ -506,14 +551,14 @@ std::shared_ptr<CompiledScene> scene_with_placements(Random &rng, int num_places
   return maker.scene();
 }
 
-TEST(KdTrace, PlacementsMeetWhatBruteForceMeets)
+TEST_P(TreeTrace, PlacementsMeetWhatBruteForceMeets)
 {
   Random rng(23);
   expect_brute_force(scene_with_placements(rng, 2), mixed_rays(rng, 5000, 2), "few placements");
   expect_brute_force(scene_with_placements(rng, 60), mixed_rays(rng, 3000, 2), "many placements");
 }
 
-TEST(KdTrace, CoincidentPlacementsGiveTheSmallerInstance)
+TEST_P(TreeTrace, CoincidentPlacementsGiveTheSmallerInstance)
 {
   const Transform one = identity();
   SceneMaker maker;
@@ -529,7 +574,7 @@ TEST(KdTrace, CoincidentPlacementsGiveTheSmallerInstance)
   }
 }
 
-TEST(KdTrace, ExtremePlacementScalesKeepHits)
+TEST_P(TreeTrace, ExtremePlacementScalesKeepHits)
 {
   for (float scale : {0x1p-60f, 0x1p60f}) {
     const Transform big = scaling_turn(1 / scale, 1, 0, {0, 0, 0}),
@@ -548,7 +593,7 @@ TEST(KdTrace, ExtremePlacementScalesKeepHits)
   }
 }
 
-TEST(KdTrace, AlphaMasksAreHoles)
+TEST_P(TreeTrace, AlphaMasksAreHoles)
 {
   SceneMaker maker;
   Material hole{};
@@ -565,10 +610,10 @@ TEST(KdTrace, AlphaMasksAreHoles)
   Random rng(26);
   std::vector<Ray> rays;
   for (int i = 0; i < 3000; ++i) rays.push_back({rng.point(0.3f), 0, rng.direction(), infinity});
-  for (Accel accel : {Accel::KdTree, Accel::Embree}) {
-    BuildOptions options = kd_options();
-    options.accel = accel;
-    const auto committed = commit(scene, options);
+  for (Accel accel : {GetParam(), Accel::Embree}) {
+    BuildOptions chosen = options();
+    chosen.accel = accel;
+    const auto committed = commit(scene, chosen);
     for (const Hit &h : trace(*committed, rays)) {
       ASSERT_NE(h.triangle, invalid_id);
       ASSERT_EQ(scene->triangle_segment[h.triangle], 1u);
