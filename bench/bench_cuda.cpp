@@ -253,14 +253,26 @@ struct Options {
   std::string only;
 };
 
+struct AccelCase {
+  const char *name;
+  gpurt_accel accel;
+};
+constexpr AccelCase accels[] = {{"kdtree", GPURT_ACCEL_KDTREE}, {"bvh", GPURT_ACCEL_BVH}};
+
+void commit(gpurt_scene scene, gpurt_accel accel)
+{
+  gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
+  desc.accel = accel;
+  check(gpurt_scene_commit(scene, &desc), "gpurt_scene_commit");
+}
+
 void bench_queries(gpurt_device device, const std::string &device_name, const Case &content,
-                   const Options &options)
+                   const AccelCase &accel, const Options &options)
 {
   gpurt_scene scene;
   check(gpurt_scene_create(device, &scene), "gpurt_scene_create");
   content.fill(scene);
-  const double commit_seconds =
-      seconds_of([&] { check(gpurt_scene_commit(scene, nullptr), "gpurt_scene_commit"); });
+  const double commit_seconds = seconds_of([&] { commit(scene, accel.accel); });
   gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
   check(gpurt_scene_get_facts(scene, &facts), "gpurt_scene_get_facts");
   void *d_rays, *d_hits;
@@ -287,12 +299,12 @@ void bench_queries(gpurt_device device, const std::string &device_name, const Ca
       for (int i = 0; i < options.repeats; ++i) times.push_back(seconds_of(trace));
       const double m = median(times), fastest = *std::min_element(times.begin(), times.end());
       std::printf(
-          "{\"bench\": \"cuda_trace\", \"device\": \"%s\", \"scene\": \"%s\", \"triangles\": %llu, \"rays\": "
-          "\"%s\", "
+          "{\"bench\": \"cuda_trace\", \"device\": \"%s\", \"scene\": \"%s\", \"accel\": \"%s\", "
+          "\"triangles\": %llu, \"rays\": \"%s\", "
           "\"query\": \"%s\", \"memory\": \"%s\", \"num_rays\": %llu, \"mrays_per_s\": %.1f, "
           "\"best_mrays_per_s\": %.1f, "
           "\"commit_s\": %.3f, \"accel_bytes\": %llu}\n",
-          device_name.c_str(), content.name, (unsigned long long)facts.num_world_triangles,
+          device_name.c_str(), content.name, accel.name, (unsigned long long)facts.num_world_triangles,
           ray_names[int(kind)], kind == Rays::Shadow ? "any" : "closest", on_device ? "device" : "host",
           (unsigned long long)rays.size(), double(rays.size()) / m * 1e-6,
           double(rays.size()) / fastest * 1e-6, commit_seconds, (unsigned long long)facts.accel_bytes);
@@ -305,12 +317,12 @@ void bench_queries(gpurt_device device, const std::string &device_name, const Ca
 }
 
 void bench_paths(gpurt_device device, const std::string &device_name, uint32_t width, uint32_t height,
-                 uint32_t spp, const Options &options)
+                 uint32_t spp, const AccelCase &accel, const Options &options)
 {
   gpurt_scene scene;
   check(gpurt_scene_create(device, &scene), "gpurt_scene_create");
   fill_room(scene);
-  check(gpurt_scene_commit(scene, nullptr), "gpurt_scene_commit");
+  commit(scene, accel.accel);
   std::vector<double> times;
   gpurt_statistics s = GPURT_STATISTICS_INIT;
   for (int i = 0; i <= options.repeats / 2; ++i) {
@@ -334,15 +346,16 @@ void bench_paths(gpurt_device device, const std::string &device_name, uint32_t w
   const double m = median(times);
   const double num_rays = double(s.num_camera_rays + s.num_bounce_rays + s.num_shadow_rays);
   std::printf(
-      "{\"bench\": \"cuda_path\", \"device\": \"%s\", \"scene\": \"room\", \"width\": %u, \"height\": %u, "
+      "{\"bench\": \"cuda_path\", \"device\": \"%s\", \"scene\": \"room\", \"accel\": \"%s\", "
+      "\"width\": %u, \"height\": %u, "
       "\"spp\": %u, "
       "\"seconds\": %.4f, \"msamples_per_s\": %.2f, \"mrays_per_s\": %.1f, \"rays_per_sample\": %.2f, "
       "\"generate_s\": %.4f, "
       "\"trace_s\": %.4f, \"shade_s\": %.4f, \"shadow_s\": %.4f, \"film_s\": %.4f, \"memory_peak_bytes\": "
       "%llu}\n",
-      device_name.c_str(), width, height, spp, m, double(s.num_samples) / m * 1e-6, num_rays / m * 1e-6,
-      num_rays / double(s.num_samples), s.generate_seconds, s.trace_seconds, s.shade_seconds,
-      s.shadow_seconds, s.film_seconds, (unsigned long long)s.memory_peak_bytes);
+      device_name.c_str(), accel.name, width, height, spp, m, double(s.num_samples) / m * 1e-6,
+      num_rays / m * 1e-6, num_rays / double(s.num_samples), s.generate_seconds, s.trace_seconds,
+      s.shade_seconds, s.shadow_seconds, s.film_seconds, (unsigned long long)s.memory_peak_bytes);
   std::fflush(stdout);
   check(gpurt_scene_release(scene), "gpurt_scene_release");
 }
@@ -383,13 +396,15 @@ int main(int argc, char **argv)
   const auto wanted = [&](const std::string &name) { return name.find(options.only) != std::string::npos; };
   const Case cases[] = {
       {"sphere", fill_sphere}, {"terrain", fill_terrain}, {"instances", fill_instances}, {"room", fill_room}};
-  for (const Case &c : cases) {
-    if (wanted(c.name)) bench_queries(device, properties.name, c, options);
-  }
-  if (wanted("path")) {
-    bench_paths(device, properties.name, 512, 512, 64, options);
-    bench_paths(device, properties.name, 1920, 1080, 64, options);
-    bench_paths(device, properties.name, 1920, 1080, 4, options);
+  for (const AccelCase &accel : accels) {
+    for (const Case &c : cases) {
+      if (wanted(c.name)) bench_queries(device, properties.name, c, accel, options);
+    }
+    if (wanted("path")) {
+      bench_paths(device, properties.name, 512, 512, 64, accel, options);
+      bench_paths(device, properties.name, 1920, 1080, 64, accel, options);
+      bench_paths(device, properties.name, 1920, 1080, 4, accel, options);
+    }
   }
   check(gpurt_device_release(device), "gpurt_device_release");
   return 0;

@@ -446,7 +446,7 @@ typedef enum gpurt_accel {
       0, /* CUDA: kdtree; CPU: embree, unless an imported tree or a setting of the kdtree is there */
   GPURT_ACCEL_KDTREE = 1, /* the same bits on every backend */
   GPURT_ACCEL_EMBREE = 2, /* CPU alone; not the same bits; rare leaks at vertices: docs/stability.md */
-  GPURT_ACCEL_BVH = 3,    /* 2-wide; this version: CPU alone */
+  GPURT_ACCEL_BVH = 3,    /* 2-wide, spatial splits; the same bits on every backend */
   GPURT_ACCEL_FORCE32 = 0x7fffffff
 } gpurt_accel;
 

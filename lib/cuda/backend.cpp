@@ -1,6 +1,7 @@
 // The CUDA device: its scenes, its memory, and the list of what is there.
 #include <optional>
 
+#include "cuda/accel/device_bvh_accel.h"
 #include "cuda/accel/device_kd_accel.h"
 #include "cuda/accel/query.h"
 #include "cuda/device_scene.h"
@@ -25,22 +26,24 @@ struct SharedDevice {
 class CudaScene final : public CommittedScene, public StreamTracing {
  public:
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
-            const KdTrees &trees, TriangleTest triangle_test)
-      : device_(std::move(device)), compiled_(std::move(compiled)), facts_(trees.facts)
+            const KdTrees &trees)
+      : CudaScene(std::move(device), std::move(compiled), trees.facts, kd_trees_, trees)
   {
-    const DeviceScope scope(device_->memory->ordinal());
-    const LaneLease lane = device_->lanes.acquire();
-    scene_.emplace(*compiled_, device_->memory, lane->stream());
-    accel_.emplace(*compiled_, scene_->view(), trees, device_->memory, lane->stream());
-    trace_scene_ = {accel_->view(), scene_->view(), triangle_test};
-    trace_scene_.scene.t_error = t_error(facts_);
-    facts_.accel_bytes = accel_->bytes();
+    trace_scene_.kd_trees = kd_trees_->view();
+  }
+  CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
+            const BvhTrees &trees)
+      : CudaScene(std::move(device), std::move(compiled), trees.facts, bvhs_, trees)
+  {
+    trace_scene_.bvhs = bvhs_->view();
+    trace_scene_.has_bvhs = true;
   }
 
   ~CudaScene() override
   {
     // Buffers go before the device; nothing runs on them, since every call waits for its work.
-    accel_.reset();
+    kd_trees_.reset();
+    bvhs_.reset();
     scene_.reset();
   }
 
@@ -69,18 +72,36 @@ class CudaScene final : public CommittedScene, public StreamTracing {
 
   HostKdTree export_tree(uint32_t tree) const override
   {
+    if (!kd_trees_) refuse_bvh_export();
     const size_t group = group_of_tree(*compiled_, tree);
     const DeviceScope scope(device_->memory->ordinal());
     const LaneLease lane = device_->lanes.acquire();
-    return accel_->download(group, lane->stream());
+    return kd_trees_->download(group, lane->stream());
   }
 
  private:
+  template <class DeviceAccel, class Trees>
+  CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
+            const AccelFacts &facts, std::optional<DeviceAccel> &accel, const Trees &trees)
+      : device_(std::move(device)), compiled_(std::move(compiled)), facts_(facts)
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    const LaneLease lane = device_->lanes.acquire();
+    scene_.emplace(*compiled_, device_->memory, lane->stream());
+    accel.emplace(*compiled_, scene_->view(), trees, device_->memory, lane->stream());
+    trace_scene_.scene = scene_->view();
+    trace_scene_.scene.t_error = t_error(facts_);
+    trace_scene_.triangle_test = facts_.triangle_test;
+    facts_.accel_bytes = accel->bytes();
+  }
+
   std::shared_ptr<SharedDevice> device_;
   std::shared_ptr<const CompiledScene> compiled_;
   AccelFacts facts_;
   std::optional<DeviceScene> scene_;
-  std::optional<DeviceKdAccel> accel_;
+  // One of the two.
+  std::optional<DeviceKdAccel> kd_trees_;
+  std::optional<DeviceBvhAccel> bvhs_;
   TraceScene trace_scene_{};
   mutable SliceSize slice_;
 };
@@ -102,17 +123,14 @@ class CudaBackend final : public Backend {
                                                const BuildOptions &options) override
   {
     if (options.accel == Accel::Embree) {
-      fail(
-          GPURT_ERROR_UNSUPPORTED,
-          "embree is an accelerator of the CPU; on a CUDA device use GPURT_ACCEL_KDTREE or GPURT_ACCEL_AUTO");
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "embree is an accelerator of the CPU; on a CUDA device use GPURT_ACCEL_BVH or GPURT_ACCEL_KDTREE");
     }
     if (options.accel == Accel::Bvh) {
-      fail(
-          GPURT_ERROR_UNSUPPORTED,
-          "the bvh accelerator is not supported by this version; use GPURT_ACCEL_KDTREE or GPURT_ACCEL_AUTO");
+      return std::make_shared<CudaScene>(device_, scene,
+                                         build_bvh_trees(*scene, options.triangle_test, nullptr));
     }
-    const KdTrees trees = build_kd_trees(*scene, options, nullptr, log_);
-    return std::make_shared<CudaScene>(device_, std::move(scene), trees, options.triangle_test);
+    return std::make_shared<CudaScene>(device_, scene, build_kd_trees(*scene, options, nullptr, log_));
   }
 
   std::shared_ptr<void> allocate(uint64_t bytes) override

@@ -93,17 +93,23 @@ class DeviceBuffer {
   uint64_t count_ = 0;
 };
 
+/// Copies host values to device memory that has room for them, and waits for the copy.
+template <class T>
+void copy_to_device(T *to, std::span<const T> from, cudaStream_t stream)
+{
+  if (from.empty()) return;
+  check(cudaMemcpyAsync(to, from.data(), from.size_bytes(), cudaMemcpyHostToDevice, stream),
+        "cudaMemcpyAsync");
+  check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
+}
+
 /// Copies host values into a new buffer and waits for the copy.
 template <class T>
 DeviceBuffer<T> upload(const std::shared_ptr<DeviceMemory> &memory, std::span<const T> values,
                        const char *what, cudaStream_t stream)
 {
   DeviceBuffer<T> buffer(memory, values.size(), what);
-  if (!values.empty()) {
-    check(cudaMemcpyAsync(buffer.data(), values.data(), values.size_bytes(), cudaMemcpyHostToDevice, stream),
-          "cudaMemcpyAsync");
-    check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
-  }
+  copy_to_device(buffer.data(), values, stream);
   return buffer;
 }
 

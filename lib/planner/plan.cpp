@@ -63,12 +63,8 @@ BuildPlan plan_build(const gpurt_build_desc &desc, const DeviceInfo &device, boo
   choose_accel(desc, device, has_imported_trees, plan);
 
   const Accel accel = plan.options.accel;
-  if (accel == Accel::Bvh && device.type != GPURT_DEVICE_CPU) {
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "GPURT_ACCEL_BVH runs on the CPU device alone in this version; use GPURT_ACCEL_KDTREE");
-  }
   if (accel == Accel::Embree && device.type != GPURT_DEVICE_CPU) {
-    fail(GPURT_ERROR_UNSUPPORTED, "embree runs on the CPU device alone; use GPURT_ACCEL_KDTREE");
+    fail(GPURT_ERROR_UNSUPPORTED, "embree runs on the CPU device alone; use GPURT_ACCEL_BVH or GPURT_ACCEL_KDTREE");
   }
   if (accel == Accel::Embree && desc.triangle_test == GPURT_TRIANGLE_DOUBLE) {
     fail(GPURT_ERROR_UNSUPPORTED,

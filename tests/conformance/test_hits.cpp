@@ -26,9 +26,10 @@ std::vector<Params> all_params()
 {
   std::vector<Params> params;
   for (const std::string &kind : mesh_kinds) {
-    params.push_back({kind, GPURT_ACCEL_KDTREE, false});
-    params.push_back({kind, GPURT_ACCEL_BVH, false});
-    params.push_back({kind, GPURT_ACCEL_KDTREE, true});
+    for (const gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH}) {
+      params.push_back({kind, accel, false});
+      params.push_back({kind, accel, true});
+    }
   }
   return params;
 }

@@ -85,14 +85,29 @@ TEST(CudaDevice, RefusesAcceleratorsThatItHasNot)
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
   add_mesh(scene, icosphere(1));
-  for (gpurt_accel accel : {GPURT_ACCEL_EMBREE, GPURT_ACCEL_BVH}) {
-    gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
-    desc.accel = accel;
-    EXPECT_EQ(gpurt_scene_commit(scene, &desc), GPURT_ERROR_UNSUPPORTED);
-    EXPECT_NE(std::string(gpurt_last_error()).find("GPURT_ACCEL_KDTREE"), std::string::npos)
-        << gpurt_last_error();
-  }
+  gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
+  desc.accel = GPURT_ACCEL_EMBREE;
+  EXPECT_EQ(gpurt_scene_commit(scene, &desc), GPURT_ERROR_UNSUPPORTED);
+  EXPECT_NE(std::string(gpurt_last_error()).find("GPURT_ACCEL_KDTREE"), std::string::npos)
+      << gpurt_last_error();
   commit(scene);
+}
+
+TEST(CudaDevice, ExportsNoTreeOfABvh)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, icosphere(1));
+  commit(scene, GPURT_ACCEL_BVH);
+  gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
+  GPURT_ASSERT_OK(gpurt_scene_get_facts(scene, &facts));
+  EXPECT_EQ(facts.accel, GPURT_ACCEL_BVH);
+  EXPECT_GE(facts.accel_bytes, 80u * 48u);
+  gpurt_kdtree tree = GPURT_KDTREE_INIT;
+  EXPECT_EQ(gpurt_scene_export_tree(scene, &tree), GPURT_ERROR_INVALID_ARGUMENT);
+  EXPECT_NE(std::string(gpurt_last_error()).find("kdtree"), std::string::npos) << gpurt_last_error();
 }
 
 uint64_t memory_used(gpurt_device device)
@@ -184,13 +199,13 @@ TEST(CudaMemory, IsGivenBack)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   const Device device = make_device(GPURT_DEVICE_CUDA);
-  {
+  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH}) {
     Scene scene;
     GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
     add_mesh(scene, icosphere(4));
     add_camera(scene, {0, 0, 4}, 0.7f);
     set_environment(scene, 1);
-    commit(scene);
+    commit(scene, accel);
     RenderOptions options;
     const Frame frame = make_frame(scene, options);
     render(frame, options);

@@ -1,4 +1,4 @@
-// Hits have the same bits on every device: the CPU's kd-tree and a CUDA device are asked the same.
+// Hits have the same bits on every device: the CPU and a CUDA device are asked the same, through the kd-tree and the bvh.
 //
 // The bodies take two devices. Without a GPU they compare one CPU thread with all of them, on fewer rays.
 #include <chrono>
@@ -26,7 +26,8 @@ struct ScenePair {
   RayTargets targets;
 };
 
-ScenePair make_scenes(const DevicePair &devices, const TestScene &content, gpurt_triangle_test test)
+ScenePair make_scenes(const DevicePair &devices, const TestScene &content, gpurt_triangle_test test,
+                      gpurt_accel accel = GPURT_ACCEL_KDTREE)
 {
   ScenePair pair;
   GPURT_EXPECT_OK(gpurt_scene_create(devices.reference, pair.reference.out()));
@@ -34,8 +35,9 @@ ScenePair make_scenes(const DevicePair &devices, const TestScene &content, gpurt
   pair.targets = content.fill(pair.reference);
   content.fill(pair.tested);
   commit(pair.reference, GPURT_ACCEL_KDTREE, test);
-  commit(pair.tested, GPURT_ACCEL_KDTREE, test);
   pair.targets.planes = split_planes(pair.reference);
+  if (accel != GPURT_ACCEL_KDTREE) commit(pair.reference, accel, test);
+  commit(pair.tested, accel, test);
   return pair;
 }
 
@@ -194,46 +196,57 @@ void compare_all_hits(const ScenePair &scenes, uint64_t num_rays)
   expect_same_hits(trace_all(scenes.reference, rays), trace_all(scenes.tested, rays), rays);
 }
 
-void compare_scene(const DevicePair &devices, const TestScene &content, uint64_t num_rays,
+void compare_scene(const DevicePair &devices, const TestScene &content, gpurt_accel accel, uint64_t num_rays,
                    uint64_t num_other_tests, uint64_t num_all)
 {
   SCOPED_TRACE(content.name);
-  const ScenePair scenes = make_scenes(devices, content, GPURT_TRIANGLE_WATERTIGHT);
+  const ScenePair scenes = make_scenes(devices, content, GPURT_TRIANGLE_WATERTIGHT, accel);
   const uint64_t num_hits = compare_queries(scenes, num_rays);
   // The rays must try something: of eye, random and aimed ones alone a fifth meets the scene.
   EXPECT_GT(num_hits, num_rays / 5);
   compare_all_hits(scenes, num_all);
   for (gpurt_triangle_test test : {GPURT_TRIANGLE_MOLLER_TRUMBORE, GPURT_TRIANGLE_DOUBLE}) {
     SCOPED_TRACE(test == GPURT_TRIANGLE_DOUBLE ? "double" : "Moeller-Trumbore");
-    compare_queries(make_scenes(devices, content, test), num_other_tests);
+    compare_queries(make_scenes(devices, content, test, accel), num_other_tests);
   }
 }
 
-class CudaHits : public testing::TestWithParam<size_t> {};
+// A scene and an accelerator.
+using Params = std::tuple<size_t, gpurt_accel>;
+std::string name_of(const testing::TestParamInfo<Params> &info)
+{
+  return test_scenes()[std::get<0>(info.param)].name +
+         std::string(std::get<1>(info.param) == GPURT_ACCEL_BVH ? "_bvh" : "");
+}
+const auto all_params = testing::Combine(testing::Range(size_t(0), test_scenes().size()),
+                                         testing::Values(GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH));
+
+class CudaHits : public testing::TestWithParam<Params> {};
 
 TEST_P(CudaHits, HaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  compare_scene(cpu_and_cuda(), test_scenes()[GetParam()], amount(10'000'000, 20'000),
+  const auto [scene, accel] = GetParam();
+  compare_scene(cpu_and_cuda(), test_scenes()[scene], accel, amount(10'000'000, 20'000),
                 amount(1'000'000, 5'000), amount(100'000, 2'000));
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, CudaHits, testing::Range(size_t(0), test_scenes().size()),
-                         [](const auto &info) { return test_scenes()[info.param].name; });
+INSTANTIATE_TEST_SUITE_P(Scenes, CudaHits, all_params, name_of);
 
-class Hits : public testing::TestWithParam<size_t> {};
+class Hits : public testing::TestWithParam<Params> {};
 
 TEST_P(Hits, DoNotDependOnTheNumberOfThreads)
 {
-  compare_scene(one_and_many_threads(), test_scenes()[GetParam()], 100'000, 20'000, 2'000);
+  const auto [scene, accel] = GetParam();
+  compare_scene(one_and_many_threads(), test_scenes()[scene], accel, 100'000, 20'000, 2'000);
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, Hits, testing::Range(size_t(0), test_scenes().size()),
-                         [](const auto &info) { return test_scenes()[info.param].name; });
+INSTANTIATE_TEST_SUITE_P(Scenes, Hits, all_params, name_of);
 
 // More hits a ray than are sorted by insertion, more in all than are listed at a time, and a ray that alone has more than
 // most have together.
-void compare_stacks(const DevicePair &devices, uint32_t num_layers, size_t num_rays)
+void compare_stacks(const DevicePair &devices, uint32_t num_layers, size_t num_rays,
+                    gpurt_accel accel = GPURT_ACCEL_KDTREE)
 {
   ScenePair pair;
   Mesh stack;
@@ -245,7 +258,7 @@ void compare_stacks(const DevicePair &devices, uint32_t num_layers, size_t num_r
     GPURT_ASSERT_OK(
         gpurt_scene_create(scene == &pair.reference ? devices.reference : devices.tested, scene->out()));
     add_mesh(*scene, stack);
-    commit(*scene);
+    commit(*scene, accel);
   }
   pair.targets.mesh = stack;
   std::vector<gpurt_ray> rays;
@@ -264,6 +277,7 @@ TEST(CudaStacks, HaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   compare_stacks(cpu_and_cuda(), uint32_t(amount(500, 100)), amount(10'000, 300));
+  compare_stacks(cpu_and_cuda(), uint32_t(amount(500, 100)), amount(10'000, 300), GPURT_ACCEL_BVH);
   compare_stacks(cpu_and_cuda(), uint32_t(amount(100'000, 1'000)), 3);
 }
 
@@ -327,7 +341,7 @@ TEST(CudaThreads, TraceSideBySide)
   const DevicePair devices = cpu_and_cuda();
   const std::vector<TestScene> contents = test_scenes();
   const ScenePair a = make_scenes(devices, contents[0], GPURT_TRIANGLE_WATERTIGHT);
-  const ScenePair b = make_scenes(devices, contents[2], GPURT_TRIANGLE_WATERTIGHT);
+  const ScenePair b = make_scenes(devices, contents[2], GPURT_TRIANGLE_WATERTIGHT, GPURT_ACCEL_BVH);
   std::thread threads[] = {std::thread([&] { compare_queries(a, 1'000'000); }),
                            std::thread([&] { compare_queries(b, 1'000'000); }),
                            std::thread([&] { compare_queries(a, 300'000); }),

@@ -206,19 +206,20 @@ gpurt_statistics statistics(gpurt_frame frame)
   return s;
 }
 
-Scene make_scene(gpurt_device device, void (*fill)(gpurt_scene))
+Scene make_scene(gpurt_device device, void (*fill)(gpurt_scene), gpurt_accel accel = GPURT_ACCEL_KDTREE)
 {
   Scene scene;
   GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
   fill(scene);
-  commit(scene);
+  commit(scene, accel);
   return scene;
 }
 
 void compare_images(gpurt_device reference, gpurt_device tested, void (*fill)(gpurt_scene),
-                    const RenderOptions &options)
+                    const RenderOptions &options, gpurt_accel accel)
 {
-  const Scene a = make_scene(reference, fill), b = make_scene(tested, fill);
+  SCOPED_TRACE(accel == GPURT_ACCEL_BVH ? "bvh" : "kdtree");
+  const Scene a = make_scene(reference, fill, accel), b = make_scene(tested, fill, accel);
   const Frame expected = make_frame(a, options, all_outputs), whole = make_frame(b, options, all_outputs);
   render(expected, options);
   render(whole, options);
@@ -275,15 +276,17 @@ RenderOptions big_picture()
 TEST(CudaImages, OfACornellBoxHaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  compare_images(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_cornell_box,
-                 big_picture());
+  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+    compare_images(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_cornell_box,
+                   big_picture(), accel);
 }
 
 TEST(CudaImages, OfEverythingHaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  compare_images(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_everything,
-                 big_picture());
+  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+    compare_images(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_everything,
+                   big_picture(), accel);
 }
 
 // Waves must shrink until they fit; the image may not change.
@@ -324,14 +327,16 @@ TEST(CudaImages, StopSoonWhenCancelled)
 
 TEST(Images, OfACornellBoxDoNotDependOnTheNumberOfThreads)
 {
-  compare_images(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_cornell_box,
-                 picture(48, 40, 8));
+  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+    compare_images(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_cornell_box,
+                   picture(48, 40, 8), accel);
 }
 
 TEST(Images, OfEverythingDoNotDependOnTheNumberOfThreads)
 {
-  compare_images(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_everything,
-                 picture(48, 40, 8));
+  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+    compare_images(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_everything,
+                   picture(48, 40, 8), accel);
 }
 
 }  // namespace

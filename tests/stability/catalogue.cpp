@@ -20,6 +20,9 @@ const std::vector<Method> &methods()
       {"cuda_kdtree_watertight", GPURT_DEVICE_CUDA, GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_WATERTIGHT},
       {"cuda_kdtree_double", GPURT_DEVICE_CUDA, GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_DOUBLE},
       {"cuda_kdtree_moller_trumbore", GPURT_DEVICE_CUDA, GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_MOLLER_TRUMBORE},
+      {"cuda_bvh_watertight", GPURT_DEVICE_CUDA, GPURT_ACCEL_BVH, GPURT_TRIANGLE_WATERTIGHT},
+      {"cuda_bvh_double", GPURT_DEVICE_CUDA, GPURT_ACCEL_BVH, GPURT_TRIANGLE_DOUBLE},
+      {"cuda_bvh_moller_trumbore", GPURT_DEVICE_CUDA, GPURT_ACCEL_BVH, GPURT_TRIANGLE_MOLLER_TRUMBORE},
   };
   return all;
 }

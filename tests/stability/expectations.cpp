@@ -30,7 +30,8 @@ Expectation expectation(int row, const Method &method)
                              row == 15 || row == 17 || row == 18;
   if (row == 9 && (is_embree || is_fast)) return {is_embree ? Expected::Varies : Expected::Fails, t_in_float};
   if (!is_embree && is_fast && (row == 1 || aims_at_edges)) return {Expected::Fails, edges_in_float};
-  if (method.is_kdtree() && method.test == GPURT_TRIANGLE_DOUBLE && row == 18) return {Expected::Fails, double_edges};
+  if (method.is_kdtree() && method.test == GPURT_TRIANGLE_DOUBLE && row == 18)
+    return {Expected::Fails, double_edges};
   if (is_embree && is_fast && row == 20)
     return {Expected::Varies, "Embree's fast mode hits some triangles without area"};
   if (is_embree && is_fast && (row == 1 || row == 4)) return {Expected::Varies, embree_fast};

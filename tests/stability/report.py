@@ -27,6 +27,9 @@ TITLES = {
     "cuda_kdtree_watertight": "CUDA kd-tree, watertight",
     "cuda_kdtree_double": "CUDA kd-tree, double",
     "cuda_kdtree_moller_trumbore": "CUDA kd-tree, Möller-Trumbore",
+    "cuda_bvh_watertight": "CUDA bvh, watertight",
+    "cuda_bvh_double": "CUDA bvh, double",
+    "cuda_bvh_moller_trumbore": "CUDA bvh, Möller-Trumbore",
 }
 INTRO = """# Stability
 

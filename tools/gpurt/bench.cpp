@@ -116,7 +116,7 @@ void run(const BenchOptions &o)
   std::vector<std::string> accels = o.accels;
   if (accels.empty())
     accels = properties.type == GPURT_DEVICE_CPU ? std::vector<std::string>{"kdtree", "bvh", "embree"}
-                                                 : std::vector<std::string>{"kdtree"};
+                                                 : std::vector<std::string>{"kdtree", "bvh"};
 
   std::vector<RaySet> sets;  // of the first accelerator: all trace the same rays
   for (const std::string &accel : accels) {

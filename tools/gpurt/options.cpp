@@ -118,9 +118,8 @@ Device DeviceOptions::create(gpurt_device_type type) const
 void BuildOptions::add_to(CLI::App &command)
 {
   command
-      .add_option(
-          "--accel", accel,
-          "acceleration structure: auto, kdtree (same bits on every device), embree (CPU) or bvh (CPU)")
+      .add_option("--accel", accel,
+                  "acceleration structure: auto, kdtree (same bits on every device), embree (CPU) or bvh")
       ->check(one_of(accels))
       ->type_name("NAME")
       ->capture_default_str();

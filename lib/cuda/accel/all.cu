@@ -23,7 +23,7 @@ __global__ void __launch_bounds__(block_size)
   if (i >= num_rays) return;
   const Ray ray = load_ray(rays, i, aligned_rays);
   uint64_t count = 0;
-  trace_all<Variant::test, Variant::masks, Variant::placements>(s.accel, s.scene, ray,
+  trace_all<Variant::test, Variant::masks, Variant::placements>(Variant::accel(s), s.scene, ray,
                                                                 [&](const Hit &) { ++count; });
   counts[i] = count;
 }
@@ -41,7 +41,7 @@ __global__ void __launch_bounds__(block_size)
   if (begin != end) {
     const Ray ray = load_ray(rays, i, aligned_rays);
     trace_all<Variant::test, Variant::masks, Variant::placements>(
-        s.accel, s.scene, ray, [&](const Hit &hit) { listed[at++] = hit; });
+        Variant::accel(s), s.scene, ray, [&](const Hit &hit) { listed[at++] = hit; });
   }
   GPURT_ASSERT(at == end);
   counts[i] = sort_hits(s.scene, listed + begin, end - begin);

@@ -14,7 +14,8 @@ __global__ void __launch_bounds__(block_size)
   const uint64_t i = thread_item();
   if (i >= num_rays) return;
   const Ray ray = load_ray(rays, i, aligned_rays);
-  occluded[i] = trace_any<Variant::test, Variant::masks, Variant::placements>(s.accel, s.scene, ray) ? 1 : 0;
+  occluded[i] =
+      trace_any<Variant::test, Variant::masks, Variant::placements>(Variant::accel(s), s.scene, ray) ? 1 : 0;
 }
 
 }  // namespace

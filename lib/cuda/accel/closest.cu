@@ -16,7 +16,8 @@ __global__ void __launch_bounds__(block_size)
   const uint64_t i = thread_item();
   if (i >= num_rays) return;
   const Ray ray = load_ray(rays, i, aligned_rays);
-  const Hit hit = trace_closest<Variant::test, Variant::masks, Variant::placements>(s.accel, s.scene, ray);
+  const Hit hit =
+      trace_closest<Variant::test, Variant::masks, Variant::placements>(Variant::accel(s), s.scene, ray);
   if (layout == HitLayout::Internal) static_cast<Hit *>(hits)[i] = hit;
   else if (layout == HitLayout::Compact)
     store_hit(static_cast<CompactHit *>(hits), i, compact_hit(s.scene, hit), aligned_hits);

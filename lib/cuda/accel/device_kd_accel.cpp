@@ -7,15 +7,6 @@ namespace gpurt::cuda {
 namespace {
 
 template <class T>
-void copy_to_device(T *to, const std::vector<T> &from, cudaStream_t stream)
-{
-  if (from.empty()) return;
-  check(cudaMemcpyAsync(to, from.data(), from.size() * sizeof(T), cudaMemcpyHostToDevice, stream),
-        "cudaMemcpyAsync");
-  check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
-}
-
-template <class T>
 std::vector<T> copy_to_host(const T *from, uint64_t count, cudaStream_t stream)
 {
   std::vector<T> values(count);
@@ -47,8 +38,9 @@ DeviceKdAccel::DeviceKdAccel(const CompiledScene &scene, const SceneView &view, 
   references_ = DeviceBuffer<uint32_t>(memory, num_references, "the kd-tree's references");
   triangles_ = DeviceBuffer<LeafTriangle>(memory, num_leaf_triangles, "the kd-tree's triangles");
   for (size_t i = 0; i < sources.size(); ++i) {
-    copy_to_device(nodes_.data() + trees_[i].first_node, sources[i]->nodes, stream);
-    copy_to_device(references_.data() + trees_[i].first_reference, sources[i]->references, stream);
+    copy_to_device(nodes_.data() + trees_[i].first_node, std::span(std::as_const(sources[i]->nodes)), stream);
+    copy_to_device(references_.data() + trees_[i].first_reference,
+                   std::span(std::as_const(sources[i]->references)), stream);
   }
   // The kernels have read what they read and written all triangles before this returns, or any buffer goes.
   const WaitAtEnd wait(stream);

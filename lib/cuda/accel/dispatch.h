@@ -1,26 +1,46 @@
-// Picks the variant of a query kernel for a scene: its triangle test, and whether it has alpha masks and placements.
+// Picks the variant of a query kernel for a scene: its tree, its triangle test, and whether it has alpha masks and
+// placements.
 #pragma once
 
 #include "cuda/accel/kernels.h"
 
 namespace gpurt::cuda {
 
-template <TriangleTest TestValue, bool MasksValue, bool PlacementsValue>
+template <bool BvhValue, TriangleTest TestValue, bool MasksValue, bool PlacementsValue>
 struct TraceVariant {
   static constexpr TriangleTest test = TestValue;
   static constexpr bool masks = MasksValue;
   static constexpr bool placements = PlacementsValue;
+
+  static GPURT_INLINE const auto &accel(const TraceScene &scene)
+  {
+    if constexpr (BvhValue) return scene.bvhs;
+    else return scene.kd_trees;
+  }
 };
 
-template <TriangleTest Test, class Fn>
+template <bool Bvh, TriangleTest Test, class Fn>
 void dispatch_scene(const TraceScene &scene, Fn &&fn)
 {
   if (scene.scene.has_alpha_masks) {
-    if (scene.scene.num_placements != 0) fn(TraceVariant<Test, true, true>{});
-    else fn(TraceVariant<Test, true, false>{});
+    if (scene.scene.num_placements != 0) fn(TraceVariant<Bvh, Test, true, true>{});
+    else fn(TraceVariant<Bvh, Test, true, false>{});
   } else {
-    if (scene.scene.num_placements != 0) fn(TraceVariant<Test, false, true>{});
-    else fn(TraceVariant<Test, false, false>{});
+    if (scene.scene.num_placements != 0) fn(TraceVariant<Bvh, Test, false, true>{});
+    else fn(TraceVariant<Bvh, Test, false, false>{});
+  }
+}
+
+template <bool Bvh, class Fn>
+void dispatch_test(const TraceScene &scene, Fn &&fn)
+{
+  switch (scene.triangle_test) {
+    case TriangleTest::Watertight:
+      return dispatch_scene<Bvh, TriangleTest::Watertight>(scene, fn);
+    case TriangleTest::MollerTrumbore:
+      return dispatch_scene<Bvh, TriangleTest::MollerTrumbore>(scene, fn);
+    case TriangleTest::Double:
+      return dispatch_scene<Bvh, TriangleTest::Double>(scene, fn);
   }
 }
 
@@ -28,14 +48,8 @@ void dispatch_scene(const TraceScene &scene, Fn &&fn)
 template <class Fn>
 void dispatch(const TraceScene &scene, Fn &&fn)
 {
-  switch (scene.triangle_test) {
-    case TriangleTest::Watertight:
-      return dispatch_scene<TriangleTest::Watertight>(scene, fn);
-    case TriangleTest::MollerTrumbore:
-      return dispatch_scene<TriangleTest::MollerTrumbore>(scene, fn);
-    case TriangleTest::Double:
-      return dispatch_scene<TriangleTest::Double>(scene, fn);
-  }
+  if (scene.has_bvhs) dispatch_test<true>(scene, fn);
+  else dispatch_test<false>(scene, fn);
 }
 
 }  // namespace gpurt::cuda

@@ -1,4 +1,4 @@
-// Copies the triangles of the kd-tree's leaves to where leaves read them: three 16-byte loads a triangle, in order.
+// Copies the triangles of a tree's leaves to where leaves read them: three 16-byte loads a triangle, in order.
 #include "core/accel/kd_accel.h"
 #include "cuda/accel/kernels.h"
 #include "cuda/launch.h"

@@ -3,6 +3,7 @@
 
 #include <cuda_runtime_api.h>
 
+#include "core/accel/bvh_accel.h"
 #include "core/accel/hit_ids.h"
 #include "core/accel/kd_accel.h"
 #include "core/scene/scene_view.h"
@@ -11,7 +12,9 @@ namespace gpurt::cuda {
 
 /// What a query kernel reads; all pointers lead to device memory.
 struct TraceScene {
-  KdAccelView accel;
+  KdAccelView kd_trees;
+  BvhAccelView bvhs;
+  bool has_bvhs;  // else kd-trees
   SceneView scene;
   TriangleTest triangle_test;
 };

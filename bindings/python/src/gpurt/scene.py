@@ -310,7 +310,7 @@ class Scene:
         """Builds the acceleration structure and returns the scene; what starts later sees it.
 
         :param accel: "auto" (CPU: embree, GPU: kdtree), "kdtree" (the same bits on every device), "embree" (CPU
-            alone) or "bvh" (2-wide, CPU alone in this version).
+            alone) or "bvh" (2-wide; the same bits on every device).
         :param triangle_test: "watertight", "moller-trumbore" (leaks at edges) or "double" (not embree).
         :param max_depth: of a kd-tree, at most 48; 0: 8 + 1.3 log2 N.
         :param traversal_cost: of a kd-tree: a step in units of a triangle test; 0: the library's choice.

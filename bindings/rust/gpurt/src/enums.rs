@@ -89,7 +89,7 @@ c_enum! {
         Kdtree = GPURT_ACCEL_KDTREE,
         /// CPU alone; not the same bits; rare leaks at vertices.
         Embree = GPURT_ACCEL_EMBREE,
-        /// 2-wide, with spatial splits; CPU alone in this version.
+        /// 2-wide, with spatial splits; the same bits on every backend.
         Bvh = GPURT_ACCEL_BVH,
     }
 }
