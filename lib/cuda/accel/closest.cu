@@ -9,7 +9,7 @@ namespace gpurt::cuda {
 namespace {
 
 template <class Variant>
-__global__ void __launch_bounds__(block_size)
+__global__ void __launch_bounds__(block_size, Variant::min_blocks)
     closest_kernel(const __grid_constant__ TraceScene s, const Ray *rays, uint64_t num_rays,
                    bool aligned_rays, HitLayout layout, void *hits, bool aligned_hits)
 {

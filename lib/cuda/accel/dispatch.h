@@ -11,6 +11,9 @@ struct TraceVariant {
   static constexpr TriangleTest test = TestValue;
   static constexpr bool masks = MasksValue;
   static constexpr bool placements = PlacementsValue;
+  // Blocks of a multiprocessor that registers must leave room for. Measuring an accepted hit in double would take so many
+  // that half as many rays could be in flight; they are saved around it instead.
+  static constexpr int min_blocks = BvhValue ? 8 : 1;
 
   static GPURT_INLINE const auto &accel(const TraceScene &scene)
   {
