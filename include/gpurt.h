@@ -443,7 +443,7 @@ GPURT_API gpurt_result gpurt_scene_get_camera(gpurt_scene scene, uint32_t camera
 
 typedef enum gpurt_accel {
   GPURT_ACCEL_AUTO =
-      0, /* CUDA: kdtree; CPU: embree, unless an imported tree or a setting of the kdtree is there */
+      0, /* CUDA: bvh; CPU: embree; either: kdtree where an imported tree or a setting of the kdtree is there */
   GPURT_ACCEL_KDTREE = 1, /* the same bits on every backend */
   GPURT_ACCEL_EMBREE = 2, /* CPU alone; not the same bits; rare leaks at vertices: docs/stability.md */
   GPURT_ACCEL_BVH = 3,    /* 2-wide, spatial splits; the same bits on every backend */

@@ -35,12 +35,13 @@ void choose_accel(const gpurt_build_desc &desc, const DeviceInfo &device, bool h
     plan.reason = fmt::format("accel {}: {}", accel_name(accel), why);
   };
   if (desc.accel != GPURT_ACCEL_AUTO) return choose(Accel(desc.accel), "as asked");
-  if (device.type == GPURT_DEVICE_CUDA) return choose(Accel::KdTree, "the default of CUDA devices");
+  const bool is_cuda = device.type == GPURT_DEVICE_CUDA;
   if (has_imported_trees) return choose(Accel::KdTree, "a tree was imported");
-  if (desc.triangle_test == GPURT_TRIANGLE_DOUBLE)
-    return choose(Accel::KdTree, "embree has no double triangle test");
   if (const char *setting = kd_tree_setting(desc))
     return choose(Accel::KdTree, fmt::format("{} is set", setting));
+  if (is_cuda) return choose(Accel::Bvh, "the fastest on CUDA devices");
+  if (desc.triangle_test == GPURT_TRIANGLE_DOUBLE)
+    return choose(Accel::KdTree, "embree has no double triangle test");
   choose(Accel::Embree, "the fastest on CPUs");
 }
 
@@ -64,7 +65,8 @@ BuildPlan plan_build(const gpurt_build_desc &desc, const DeviceInfo &device, boo
 
   const Accel accel = plan.options.accel;
   if (accel == Accel::Embree && device.type != GPURT_DEVICE_CPU) {
-    fail(GPURT_ERROR_UNSUPPORTED, "embree runs on the CPU device alone; use GPURT_ACCEL_BVH or GPURT_ACCEL_KDTREE");
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "embree runs on the CPU device alone; use GPURT_ACCEL_BVH or GPURT_ACCEL_KDTREE");
   }
   if (accel == Accel::Embree && desc.triangle_test == GPURT_TRIANGLE_DOUBLE) {
     fail(GPURT_ERROR_UNSUPPORTED,

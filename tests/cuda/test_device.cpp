@@ -93,6 +93,23 @@ TEST(CudaDevice, RefusesAcceleratorsThatItHasNot)
   commit(scene);
 }
 
+TEST(CudaDevice, ChoosesTheBvhUnlessAKdTreeIsAskedFor)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, icosphere(1));
+  for (uint32_t max_depth : {0u, 5u}) {
+    gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
+    desc.max_depth = max_depth;
+    GPURT_ASSERT_OK(gpurt_scene_commit(scene, &desc));
+    gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
+    GPURT_ASSERT_OK(gpurt_scene_get_facts(scene, &facts));
+    EXPECT_EQ(facts.accel, max_depth == 0 ? GPURT_ACCEL_BVH : GPURT_ACCEL_KDTREE);
+  }
+}
+
 TEST(CudaDevice, ExportsNoTreeOfABvh)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";

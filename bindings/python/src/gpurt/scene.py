@@ -309,7 +309,7 @@ class Scene:
                tree_cache: Optional[PathLike] = None) -> "Scene":
         """Builds the acceleration structure and returns the scene; what starts later sees it.
 
-        :param accel: "auto" (CPU: embree, GPU: kdtree), "kdtree" (the same bits on every device), "embree" (CPU
+        :param accel: "auto" (CPU: embree, GPU: bvh), "kdtree" (the same bits on every device), "embree" (CPU
             alone) or "bvh" (2-wide; the same bits on every device).
         :param triangle_test: "watertight", "moller-trumbore" (leaks at edges) or "double" (not embree).
         :param max_depth: of a kd-tree, at most 48; 0: 8 + 1.3 log2 N.

@@ -83,7 +83,7 @@ c_enum! {
 c_enum! {
     /// The acceleration structure of a scene.
     Accel {
-        /// CUDA: kd-tree; CPU: Embree, unless an imported tree or a setting of the kd-tree is there.
+        /// CUDA: bvh; CPU: Embree; either: the kd-tree where an imported tree or a setting of it is there.
         Auto = GPURT_ACCEL_AUTO,
         /// The same bits on every backend.
         Kdtree = GPURT_ACCEL_KDTREE,
