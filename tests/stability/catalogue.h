@@ -32,7 +32,7 @@ inline void PrintTo(const Method &method, std::ostream *out) { *out << method.na
 enum class Expected {
   Pass,   // asserted
   Fails,  // known to fail, by arithmetic that is the same everywhere: asserted, so that a cure is noticed
-  Varies  // known to fail, how often depends on a third party's version: counted
+  Varies  // known to fail, how often depends on a third party's version or on the count: counted
 };
 
 struct Expectation {

@@ -32,6 +32,8 @@ Expectation expectation(int row, const Method &method)
   if (!is_embree && is_fast && (row == 1 || aims_at_edges)) return {Expected::Fails, edges_in_float};
   if (method.is_kdtree() && method.test == GPURT_TRIANGLE_DOUBLE && row == 18)
     return {Expected::Fails, double_edges};
+  // So rarely that the counts of every day do not show it.
+  if (is_fast && row == 12) return {Expected::Varies, is_embree ? embree_fast : edges_in_float};
   if (is_embree && is_fast && row == 20)
     return {Expected::Varies, "Embree's fast mode hits some triangles without area"};
   if (is_embree && is_fast && (row == 1 || row == 4)) return {Expected::Varies, embree_fast};
