@@ -38,7 +38,7 @@ fn statistics_tell_what_was_done() {
     assert_eq!((statistics.pipeline, statistics.max_depth), (Pipeline::Path, 3));
     assert_eq!((statistics.samples_per_pixel, statistics.num_samples), (4, 16 * 8 * 4));
     assert_eq!((statistics.num_nonfinite, statistics.num_saturated), (0, 0));
-    assert!(matches!(statistics.accel, Accel::Embree | Accel::Kdtree));
+    assert!(matches!(statistics.accel, Accel::Embree | Accel::Kdtree | Accel::Bvh));
     assert!(!statistics.reason.is_empty());
 }
 

@@ -30,7 +30,7 @@ fn rays() -> [Ray; 3] {
 #[test]
 fn queries_agree() {
     // The kd-tree's t is exact here; Embree's is rounded.
-    for (accel, tolerance) in [(Accel::Kdtree, 0.0), (Accel::Embree, 1e-6)] {
+    for (accel, tolerance) in [(Accel::Kdtree, 0.0), (Accel::Bvh, 0.0), (Accel::Embree, 1e-6)] {
         let close = |a: f32, b: f32| (a - b).abs() <= tolerance;
         let scene = two_layers(accel);
         let hits = scene.closest(&rays()).unwrap();
