@@ -7,7 +7,7 @@
 #pragma once
 
 #include "accel/kd_build.h"
-#include "core/accel/bvh.h"
+#include "core/accel/bvh_node.h"
 
 namespace gpurt {
 
@@ -38,8 +38,5 @@ struct BvhBoxes {
   double lo[2][3], hi[2][3];
 };
 BvhBoxes boxes_of(const BvhNode &node, Vec3f center);
-
-/// A node over two boxes, which it contains.
-BvhNode make_bvh_node(const Box &box0, uint32_t child0, const Box &box1, uint32_t child1, Vec3f center);
 
 }  // namespace gpurt

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <limits>
 
-#include "accel/kd_clip.h"
+#include "core/accel/clipped_triangle.h"
 
 namespace gpurt {
 namespace {

@@ -10,9 +10,9 @@
 #include <cmath>
 
 #include "accel/isa.h"
-#include "accel/kd_clip.h"
 #include "accel/kd_split.h"
 #include "accel/tracked_array.h"
+#include "core/accel/clipped_triangle.h"
 
 namespace gpurt {
 namespace {

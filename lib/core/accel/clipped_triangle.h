@@ -2,14 +2,15 @@
 // Source: Wald and Havran 2006, Section 3.2; Sutherland and Hodgman 1974.
 #pragma once
 
-#include "accel/kd_reference.h"
+#include "core/math/vec.h"
 
 namespace gpurt {
+GPURT_FUNCTIONS_BEGIN
 
 /// The polygon that is left of a triangle, in double.
 class ClippedTriangle {
  public:
-  ClippedTriangle(Vec3f a, Vec3f b, Vec3f c)
+  GPURT_HD ClippedTriangle(Vec3f a, Vec3f b, Vec3f c)
   {
     const Vec3f corners[3] = {a, b, c};
     double largest = 0;
@@ -25,10 +26,10 @@ class ClippedTriangle {
     margin_ = largest * 0x1p-47;
   }
 
-  bool is_empty() const { return num_ == 0; }
+  GPURT_HD bool is_empty() const { return num_ == 0; }
 
   /// Cuts off what lies outside of a cell.
-  void clip(const Box &cell)
+  GPURT_HD void clip(const Box &cell)
   {
     for (int k = 0; k < 3; ++k) {
       double lo = point_[0][k], hi = lo;
@@ -45,7 +46,7 @@ class ClippedTriangle {
 
   /// Bounds of the parts on either side of a plane. A side that the polygon at most touches gets an empty box: what
   /// lies in the plane belongs to the other side's closed cell.
-  void split(int axis, float position, Box &below, Box &above) const
+  GPURT_HD void split(int axis, float position, Box &below, Box &above) const
   {
     Bounds lower, upper;
     bool has_below = false, has_above = false;
@@ -71,33 +72,33 @@ class ClippedTriangle {
  private:
   struct Bounds {
     double lo[3] = {1e300, 1e300, 1e300}, hi[3] = {-1e300, -1e300, -1e300};
-    void add(const double *p)
+    GPURT_HD void add(const double *p)
     {
       for (int k = 0; k < 3; ++k) {
         if (p[k] < lo[k]) lo[k] = p[k];
         if (p[k] > hi[k]) hi[k] = p[k];
       }
     }
-    Box rounded_outward(double margin) const
+    GPURT_HD Box rounded_outward(double margin) const
     {
       if (lo[0] > hi[0]) return empty_box();
       return {{round_down(lo[0] - margin), round_down(lo[1] - margin), round_down(lo[2] - margin)},
               {round_up(hi[0] + margin), round_up(hi[1] + margin), round_up(hi[2] + margin)}};
     }
-    static float round_down(double x)
+    GPURT_HD static float round_down(double x)
     {
       const float f = float(x);
       return double(f) > x ? next_down(f) : f;
     }
-    static float round_up(double x)
+    GPURT_HD static float round_up(double x)
     {
       const float f = float(x);
       return double(f) < x ? next_up(f) : f;
     }
   };
 
-  static void intersect(const double *p, const double *q, double dp, double dq, int axis, double position,
-                        double *x)
+  GPURT_HD static void intersect(const double *p, const double *q, double dp, double dq, int axis,
+                                 double position, double *x)
   {
     const double s = dp / (dp - dq);
     for (int k = 0; k < 3; ++k) x[k] = p[k] + s * (q[k] - p[k]);
@@ -105,7 +106,7 @@ class ClippedTriangle {
   }
 
   // Keeps what has sign * (coordinate - position) >= 0.
-  void clip_half_space(int axis, double position, double sign)
+  GPURT_HD void clip_half_space(int axis, double position, double sign)
   {
     double kept[max_points][3];
     int n = 0;
@@ -133,4 +134,5 @@ class ClippedTriangle {
   int num_;
 };
 
+GPURT_FUNCTIONS_END
 }  // namespace gpurt
