@@ -106,11 +106,14 @@ typedef struct gpurt_device_desc {
   gpurt_device_type type;
   uint32_t ordinal;            /* which CUDA device; 0 is the first */
   uint32_t num_threads;        /* CPU worker threads; 0: all that the process may use */
-  uint64_t memory_limit_bytes; /* of all scenes, frames and working memory of the device; 0: none */
+  uint64_t memory_limit_bytes; /* of all scenes, frames and working memory of each device; 0: none */
   gpurt_log_fn log;            /* NULL: errors and warnings are not shown */
   void *log_user;
+  const uint32_t *ordinals; /* [num_ordinals] different CUDA devices that work as one; NULL: the one in `ordinal` */
+  uint32_t num_ordinals;
+  uint32_t reserved; /* 0 */
 } gpurt_device_desc;
-#define GPURT_DEVICE_DESC_INIT {sizeof(gpurt_device_desc), GPURT_DEVICE_AUTO, 0, 0, 0, NULL, NULL}
+#define GPURT_DEVICE_DESC_INIT {sizeof(gpurt_device_desc), GPURT_DEVICE_AUTO, 0, 0, 0, NULL, NULL, NULL, 0, 0}
 
 typedef struct gpurt_device_properties {
   uint32_t struct_size; /* set by GPURT_DEVICE_PROPERTIES_INIT */
@@ -143,6 +146,11 @@ GPURT_API gpurt_result gpurt_device_enumerate(gpurt_device_properties *devices, 
  *
  *  @param desc        Options, or NULL for defaults.
  *  @param out_device  Owned by the caller; give it back with gpurt_device_release.
+ *
+ *  With several ordinals it stands for several CUDA devices: a scene is built on each of them, and they share the
+ *  work of every frame, and of queries whose rays are in host memory, as each of them gets on. The image and the hits
+ *  have the bits of one device. Rays in device memory are traced by the device that holds them; buffers in device
+ *  memory are of the first one. Properties are sums, but for the ordinal, which is the first one's.
  *
  *  Errors: INVALID_ARGUMENT; UNSUPPORTED for a CUDA device that the build or its
  *  age rules out; DEVICE where there is no such device or the driver fails.
@@ -187,6 +195,16 @@ GPURT_API gpurt_result gpurt_buffer_create(gpurt_device device, const gpurt_buff
                                            gpurt_buffer *out_buffer);
 GPURT_API gpurt_result gpurt_buffer_retain(gpurt_buffer buffer);
 GPURT_API gpurt_result gpurt_buffer_release(gpurt_buffer buffer);
+
+/** Copies host memory into part of a buffer, or part of a buffer into host memory, whatever its storage; done on return.
+ *
+ *  Work on the device's default stream comes first. Nothing may use the part meanwhile that is written.
+ *  Errors: INVALID_ARGUMENT for a part that leaves the buffer; DEVICE.
+ */
+GPURT_API gpurt_result gpurt_buffer_write(gpurt_buffer buffer, uint64_t offset_bytes, const void *data,
+                                          uint64_t size_bytes);
+GPURT_API gpurt_result gpurt_buffer_read(gpurt_buffer buffer, uint64_t offset_bytes, void *data,
+                                         uint64_t size_bytes);
 
 /** The address (host or device, by its storage) and size of a buffer; valid while the buffer lives. */
 GPURT_API gpurt_result gpurt_buffer_get_data(gpurt_buffer buffer, void **out_data, uint64_t *out_size_bytes);

@@ -27,6 +27,19 @@ extern "C" {
 GPURT_API gpurt_result gpurt_cuda_trace(gpurt_scene scene, const gpurt_trace_desc *desc, void *stream,
                                         void *wait_event, void *done_event);
 
+/** Makes what is queued on `stream` from now on wait for what is on the stream `after` now; returns at once.
+ *
+ *  @param ordinal  Which CUDA device of `device` the streams belong to.
+ *
+ *  NULL is the default stream; the special handles of CUDA, 1 (legacy default) and 2 (per-thread), work too. With this, a
+ *  caller that has no CUDA runtime of its own can keep the stream protocol of DLPack.
+ *  Errors: INVALID_ARGUMENT for an ordinal that the device has not; UNSUPPORTED; DEVICE.
+ */
+GPURT_API gpurt_result gpurt_cuda_order(gpurt_device device, uint32_t ordinal, void *stream, void *after);
+
+/** Waits until what is on the stream now is done. Errors: as gpurt_cuda_order, and failures of that work. */
+GPURT_API gpurt_result gpurt_cuda_wait(gpurt_device device, uint32_t ordinal, void *stream);
+
 #ifdef __cplusplus
 }
 #endif

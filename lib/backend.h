@@ -149,9 +149,22 @@ class Backend {
   virtual const std::shared_ptr<MemoryTracker> &memory() const = 0;
   virtual std::shared_ptr<const CommittedScene> commit(std::shared_ptr<const CompiledScene> scene,
                                                        const BuildOptions &options) = 0;
-  /// Device memory that the host cannot reach, filled with zeros; the deleter frees it. On the CPU: host memory.
+  /// Device memory that the host cannot reach, filled with zeros; the deleter frees it, after the work that is on the
+  /// device's default stream then. On the CPU: host memory.
   virtual std::shared_ptr<void> allocate(uint64_t bytes) = 0;
   virtual void copy_to_host(void *host, const void *device, uint64_t bytes) = 0;
+  virtual void copy_to_device(void *device, const void *host, uint64_t bytes) = 0;
+  /// Whether memory is the device's own. On the CPU: any is.
+  virtual bool holds(const void *data) const = 0;
+};
+
+/// What a backend may offer beside Backend: the caller's streams, as handles of gpurt_cuda.h; null: the default stream.
+class StreamOrdering {
+ public:
+  virtual ~StreamOrdering() = default;
+  /// Later work of `stream` waits for what is on `after` now. Throws INVALID_ARGUMENT for another device's ordinal.
+  virtual void order_streams(uint32_t ordinal, void *stream, void *after) = 0;
+  virtual void wait_for_stream(uint32_t ordinal, void *stream) = 0;
 };
 
 struct BackendOptions {

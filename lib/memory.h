@@ -29,8 +29,23 @@ class MemoryTracker {
     uint64_t peak = peak_.load();
     while (peak < before + bytes && !peak_.compare_exchange_weak(peak, before + bytes)) {
     }
+    if (whole_) {
+      try {
+        whole_->reserve(bytes, what);
+      } catch (...) {
+        used_.fetch_sub(bytes);
+        throw;
+      }
+    }
   }
-  void release(uint64_t bytes) { used_.fetch_sub(bytes); }
+  void release(uint64_t bytes)
+  {
+    used_.fetch_sub(bytes);
+    if (whole_) whole_->release(bytes);
+  }
+
+  /// Counts everything for `whole` too, of which this is a part. Called before anything is reserved here.
+  void count_in(std::shared_ptr<MemoryTracker> whole) { whole_ = std::move(whole); }
 
   uint64_t limit() const { return limit_; }
   uint64_t used() const { return used_.load(); }
@@ -38,6 +53,7 @@ class MemoryTracker {
 
  private:
   const uint64_t limit_;
+  std::shared_ptr<MemoryTracker> whole_;  // null: this is no part of anything
   std::atomic<uint64_t> used_{0};
   std::atomic<uint64_t> peak_{0};
 };

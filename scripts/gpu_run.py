@@ -21,6 +21,8 @@ import time
 TREE = pathlib.Path(".gpu/tree")
 # What gpurt_add_test (tests/CMakeLists.txt) calls a CUDA test.
 CUDA_FILTER = "*cuda*:*Cuda*:*CUDA*"
+# Those that need two devices.
+PAIR_FILTER = "CudaPair.*"
 REFERENCES = TREE / "tests" / "image" / "test_references"
 SCENE_FOLDERS = (".gpu/scenes", "shared/scenes", "../shared/scenes")
 # What the sanitizer looks at: every kernel, in the short form of the tests (GPURT_TEST_SHORT).
@@ -163,10 +165,14 @@ def run_tests(run, program, test_filter, timeout):
 
 def stage_tests(run, about, args):
     tests = []
+    test_filter = args.filter
+    if len(about["device"].splitlines()) < 2 and "-" not in test_filter:
+        test_filter += f"-{PAIR_FILTER}"
+        print(f"one device: {PAIR_FILTER} is left out", flush=True)
     (run.out / "stability.csv").unlink(missing_ok=True)  # tests append to it
     for program in sorted(p for p in (TREE / "tests").glob("*/*") if p.is_file() and p != REFERENCES):
         start = time.monotonic()
-        found = run_tests(run, program, args.filter, args.timeout)
+        found = run_tests(run, program, test_filter, args.timeout)
         tests += found
         print(f"{program.relative_to(TREE)}: {len(found)} tests, {time.monotonic() - start:.1f} s", flush=True)
         run.write("tests.json", about, "tests", tests)

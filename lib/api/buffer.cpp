@@ -56,6 +56,17 @@ std::shared_ptr<Buffer> create_buffer(std::shared_ptr<Device> device, const gpur
   return buffer;
 }
 
+// Part of a buffer, checked.
+std::byte *part_of(const Buffer &buffer, uint64_t offset_bytes, const void *host, uint64_t size_bytes)
+{
+  if (offset_bytes > buffer.size_bytes || size_bytes > buffer.size_bytes - offset_bytes) {
+    fail_invalid("{} bytes from byte {} on leave the buffer, which has {}", size_bytes, offset_bytes,
+                 buffer.size_bytes);
+  }
+  if (size_bytes != 0) require(host, "data");
+  return static_cast<std::byte *>(buffer.data) + offset_bytes;
+}
+
 }  // namespace
 }  // namespace gpurt::api
 
@@ -85,6 +96,29 @@ gpurt_result gpurt_buffer_retain(gpurt_buffer buffer)
 gpurt_result gpurt_buffer_release(gpurt_buffer buffer)
 {
   return guard([&] { release(buffer, "buffer"); });
+}
+
+gpurt_result gpurt_buffer_write(gpurt_buffer buffer, uint64_t offset_bytes, const void *data,
+                                uint64_t size_bytes)
+{
+  return guard([&] {
+    const auto object = get(buffer, "buffer");
+    std::byte *const part = part_of(*object, offset_bytes, data, size_bytes);
+    if (size_bytes == 0) return;
+    if (object->is_host()) std::memcpy(part, data, size_bytes);
+    else object->device->backend->copy_to_device(part, data, size_bytes);
+  });
+}
+
+gpurt_result gpurt_buffer_read(gpurt_buffer buffer, uint64_t offset_bytes, void *data, uint64_t size_bytes)
+{
+  return guard([&] {
+    const auto object = get(buffer, "buffer");
+    const std::byte *const part = part_of(*object, offset_bytes, data, size_bytes);
+    if (size_bytes == 0) return;
+    if (object->is_host()) std::memcpy(data, part, size_bytes);
+    else object->device->backend->copy_to_host(data, part, size_bytes);
+  });
 }
 
 gpurt_result gpurt_buffer_get_data(gpurt_buffer buffer, void **out_data, uint64_t *out_size_bytes)

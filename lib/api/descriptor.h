@@ -39,7 +39,8 @@ struct StructTraits;
   }
 
 GPURT_STRUCT(gpurt_device_desc, GPURT_DEVICE_DESC_INIT, offsetof(gpurt_device_desc, memory_limit_bytes),
-             offsetof(gpurt_device_desc, log), offsetof(gpurt_device_desc, log_user));
+             offsetof(gpurt_device_desc, log), offsetof(gpurt_device_desc, log_user),
+             offsetof(gpurt_device_desc, ordinals));
 GPURT_STRUCT(gpurt_buffer_desc, GPURT_BUFFER_DESC_INIT, offsetof(gpurt_buffer_desc, size_bytes),
              offsetof(gpurt_buffer_desc, data), offsetof(gpurt_buffer_desc, release),
              offsetof(gpurt_buffer_desc, release_user));

@@ -21,6 +21,8 @@ namespace {
 
 // More threads than any machine has processors; a larger number is a mistake that would exhaust the system.
 constexpr uint32_t max_threads = 4096;
+// More devices than any machine has.
+constexpr uint32_t max_ordinals = 1024;
 
 template <size_t n>
 void copy_text(char (&to)[n], const std::string &from)
@@ -79,8 +81,16 @@ gpurt_result gpurt_device_create(const gpurt_device_desc *desc, gpurt_device *ou
     require(out_device, "out_device");
     const gpurt_device_desc d = read_optional_descriptor(desc);
     check_enum(d.type, GPURT_DEVICE_CUDA + 1, "type", "gpurt_device_type");
+    check_reserved(d.reserved, "reserved");
     if (d.num_threads > max_threads)
       fail_invalid("num_threads is {}; at most {}", d.num_threads, max_threads);
+    if (d.ordinals && d.num_ordinals == 0) fail_invalid("ordinals are given, but num_ordinals is 0");
+    if (!d.ordinals && d.num_ordinals != 0)
+      fail_invalid("ordinals is NULL, but num_ordinals is {}", d.num_ordinals);
+    if (d.num_ordinals > max_ordinals)
+      fail_invalid("num_ordinals is {}; at most {}", d.num_ordinals, max_ordinals);
+    if (d.ordinals && d.ordinal != 0)
+      fail_invalid("ordinal is {}, but ordinals are given too; put it among them", d.ordinal);
 
     auto device = std::make_shared<Device>();
     device->log = std::make_shared<Log>(d.log, d.log_user);
@@ -91,7 +101,8 @@ gpurt_result gpurt_device_create(const gpurt_device_desc *desc, gpurt_device *ou
     options.log = [log = device->log](gpurt_log_level level, const std::string &message) {
       (*log)(level, message);
     };
-    device->backend = create_backend(d.type, options);
+    device->backend = d.ordinals ? create_backend(d.type, options, {d.ordinals, d.num_ordinals})
+                                 : create_backend(d.type, options);
     *out_device = publish<gpurt_device>(std::move(device));
   });
 }

@@ -1,10 +1,13 @@
 // The only file that names the backends.
 #include "api/registry.h"
 
+#include <algorithm>
+
 #include "cpu/factory.h"
 #if defined(GPURT_HAVE_CUDA)
 #include "cuda/factory.h"
 #endif
+#include "multi/multi_backend.h"
 
 namespace gpurt::api {
 namespace {
@@ -77,6 +80,24 @@ std::unique_ptr<Backend> create_backend(gpurt_device_type type, const BackendOpt
   }
   fail(GPURT_ERROR_DEVICE, "there is no {} device {}; this machine has {} that can be used", type_name(type),
        options.ordinal, devices.size());
+}
+
+std::unique_ptr<Backend> create_backend(gpurt_device_type type, const BackendOptions &options,
+                                        std::span<const uint32_t> ordinals)
+{
+  if (type == GPURT_DEVICE_AUTO) {
+    fail_invalid("ordinals are given, but type is GPURT_DEVICE_AUTO; name the type that they count in");
+  }
+  std::vector<std::unique_ptr<Backend>> backends;
+  for (size_t i = 0; i < ordinals.size(); ++i) {
+    if (std::find(ordinals.begin(), ordinals.begin() + i, ordinals[i]) != ordinals.begin() + i)
+      fail_invalid("ordinals[{}] is {}, which comes before; name every device once", i, ordinals[i]);
+    BackendOptions one = options;
+    one.ordinal = ordinals[i];
+    backends.push_back(create_backend(type, one));
+  }
+  if (backends.size() == 1) return std::move(backends[0]);
+  return multi::join(std::move(backends));
 }
 
 }  // namespace gpurt::api

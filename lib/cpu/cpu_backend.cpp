@@ -113,6 +113,11 @@ void CpuBackend::copy_to_host(void *host, const void *device, uint64_t bytes)
   if (bytes != 0) std::memcpy(host, device, bytes);
 }
 
+void CpuBackend::copy_to_device(void *device, const void *host, uint64_t bytes)
+{
+  if (bytes != 0) std::memcpy(device, host, bytes);
+}
+
 namespace cpu {
 namespace {
 

@@ -17,6 +17,8 @@ class CpuBackend final : public Backend {
                                                const BuildOptions &options) override;
   std::shared_ptr<void> allocate(uint64_t bytes) override;
   void copy_to_host(void *host, const void *device, uint64_t bytes) override;
+  void copy_to_device(void *device, const void *host, uint64_t bytes) override;
+  bool holds(const void *) const override { return true; }
 
  private:
   DeviceInfo info_;

@@ -106,7 +106,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   mutable SliceSize slice_;
 };
 
-class CudaBackend final : public Backend {
+class CudaBackend final : public Backend, public StreamOrdering {
  public:
   CudaBackend(const DeviceInfo &info, const BackendOptions &options)
       : device_(std::make_shared<SharedDevice>()), log_(options.log)
@@ -142,7 +142,9 @@ class CudaBackend final : public Backend {
       check(cudaMemsetAsync(buffer->data(), 0, bytes, lane->stream()), "cudaMemsetAsync");
       lane->synchronize();
     }
-    return std::shared_ptr<void>(buffer, buffer->data());
+    return std::shared_ptr<void>(buffer->data(), [memory = device_->memory, buffer](void *) {
+      memory->wait_for_default_stream();  // the buffer goes with this function
+    });
   }
 
   void copy_to_host(void *host, const void *device, uint64_t bytes) override
@@ -155,7 +157,47 @@ class CudaBackend final : public Backend {
     lane->synchronize();
   }
 
+  void copy_to_device(void *device, const void *host, uint64_t bytes) override
+  {
+    if (bytes == 0) return;
+    const DeviceScope scope(device_->memory->ordinal());
+    const LaneLease lane = device_->lanes.acquire();
+    lane->wait_for_default_stream();
+    check(cudaMemcpyAsync(device, host, bytes, cudaMemcpyHostToDevice, lane->stream()), "cudaMemcpyAsync");
+    lane->synchronize();
+  }
+
+  bool holds(const void *data) const override
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    cudaPointerAttributes attributes{};
+    check(cudaPointerGetAttributes(&attributes, data), "cudaPointerGetAttributes");
+    return attributes.type == cudaMemoryTypeDevice && attributes.device == device_->memory->ordinal();
+  }
+
+  void order_streams(uint32_t ordinal, void *stream, void *after) override
+  {
+    check_ordinal(ordinal);
+    const DeviceScope scope(device_->memory->ordinal());
+    Event passed(cudaEventDisableTiming);
+    passed.record(static_cast<cudaStream_t>(after));
+    check(cudaStreamWaitEvent(static_cast<cudaStream_t>(stream), passed.get(), 0), "cudaStreamWaitEvent");
+  }
+
+  void wait_for_stream(uint32_t ordinal, void *stream) override
+  {
+    check_ordinal(ordinal);
+    const DeviceScope scope(device_->memory->ordinal());
+    check(cudaStreamSynchronize(static_cast<cudaStream_t>(stream)), "cudaStreamSynchronize");
+  }
+
  private:
+  void check_ordinal(uint32_t ordinal) const
+  {
+    if (ordinal != device_->info.ordinal)
+      fail_invalid("ordinal is {}, but the device is CUDA device {}", ordinal, device_->info.ordinal);
+  }
+
   std::shared_ptr<SharedDevice> device_;
   std::function<void(gpurt_log_level, const std::string &)> log_;
 };

@@ -102,4 +102,21 @@ void DeviceMemory::free(void *data, uint64_t bytes) noexcept
   tracker_->release(bytes);
 }
 
+void DeviceMemory::wait_for_default_stream() noexcept
+{
+  if (pool_ == nullptr) return;  // cudaFree waits for everything
+  int caller = -1;
+  cudaEvent_t event = nullptr;
+  ignore(cudaGetDevice(&caller));
+  ignore(cudaSetDevice(ordinal_));
+  if (cudaEventCreateWithFlags(&event, cudaEventDisableTiming) == cudaSuccess) {
+    ignore(cudaEventRecord(event, cudaStreamLegacy));
+    ignore(cudaStreamWaitEvent(stream_, event, 0));
+    ignore(cudaEventDestroy(event));
+  } else {
+    ignore(cudaStreamSynchronize(cudaStreamLegacy));
+  }
+  if (caller >= 0 && caller != ordinal_) ignore(cudaSetDevice(caller));
+}
+
 }  // namespace gpurt::cuda

@@ -45,6 +45,8 @@ class DeviceMemory {
   void *allocate(uint64_t bytes, const char *what);
   /// Work that uses the memory must have ended.
   void free(void *data, uint64_t bytes) noexcept;
+  /// Lets what is freed from now on be used again only after the work that is on the legacy default stream now.
+  void wait_for_default_stream() noexcept;
 
  private:
   void make_pool();

@@ -3,6 +3,7 @@
 include/             includes no other part of the project
 lib/core             includes only lib/core
 lib/cpu, lib/cuda    include lib/*.h (backend.h), lib/core, lib/accel and what backend.h brings; never each other
+lib/multi            includes lib/*.h and what backend.h brings: it joins backends, whatever they are
 lib/api/registry.cpp alone includes a backend
 tools, bindings, tests, examples, bench   include include/ and what lies in their own folder; tests/unit may
                      also include lib
@@ -24,11 +25,12 @@ ALLOWED = {
     "accel": BROUGHT_BY_BACKEND,
     "cpu": BROUGHT_BY_BACKEND | {"accel"},
     "cuda": BROUGHT_BY_BACKEND | {"accel"},
+    "multi": BROUGHT_BY_BACKEND,
     "frame": {"core", "image"},
     "image": {"core"},
     "scene": {"core", "image"},
     "planner": {"core", "frame", "scene"},
-    "api": {"accel", "core", "frame", "image", "planner", "scene"},
+    "api": {"accel", "core", "frame", "image", "multi", "planner", "scene"},
 }
 
 

@@ -12,7 +12,7 @@
 #define FIELD(T, field, offset) static_assert(offsetof(T, field) == (offset))
 #define VALUE(name, value) static_assert((name) == (value))
 
-SIZE(gpurt_device_desc, 40);
+SIZE(gpurt_device_desc, 56);
 FIELD(gpurt_device_desc, struct_size, 0);
 FIELD(gpurt_device_desc, type, 4);
 FIELD(gpurt_device_desc, ordinal, 8);
@@ -20,6 +20,9 @@ FIELD(gpurt_device_desc, num_threads, 12);
 FIELD(gpurt_device_desc, memory_limit_bytes, 16);
 FIELD(gpurt_device_desc, log, 24);
 FIELD(gpurt_device_desc, log_user, 32);
+FIELD(gpurt_device_desc, ordinals, 40);
+FIELD(gpurt_device_desc, num_ordinals, 48);
+FIELD(gpurt_device_desc, reserved, 52);
 
 SIZE(gpurt_device_properties, 216);
 FIELD(gpurt_device_properties, struct_size, 0);

@@ -325,6 +325,63 @@ TEST(CudaImages, StopSoonWhenCancelled)
   EXPECT_GT(statistics(frame).num_samples, 0u);
 }
 
+// Tests of two devices: scripts/gpu expects them where there are two.
+TEST(CudaPair, RendersTheBitsOfOneDevice)
+{
+  if (num_cuda_devices() < 2) GTEST_SKIP() << "no two CUDA devices";
+  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH}) {
+    for (void (*fill)(gpurt_scene) : {fill_cornell_box, fill_everything})
+      compare_images(make_device(GPURT_DEVICE_CUDA), make_cuda_devices({0, 1}), fill, big_picture(), accel);
+  }
+}
+
+// Enough work for every part of the queue to be large, with the devices in another order.
+TEST(CudaPair, RendersALargePictureToTheBitsOfOneDevice)
+{
+  if (num_cuda_devices() < 2) GTEST_SKIP() << "no two CUDA devices";
+  const RenderOptions options = picture(uint32_t(amount(1280, 160)), uint32_t(amount(720, 90)), 64);
+  const Device one = make_device(GPURT_DEVICE_CUDA), two = make_cuda_devices({1, 0});
+  const Scene a = make_scene(one, fill_everything), b = make_scene(two, fill_everything);
+  const Frame expected = make_frame(a, options, all_outputs), tested = make_frame(b, options, all_outputs);
+  render(expected, options);
+  render(tested, options);
+  expect_same(read_all(expected, options), read_all(tested, options));
+}
+
+TEST(CudaPair, RendersInLittleMemory)
+{
+  if (num_cuda_devices() < 2) GTEST_SKIP() << "no two CUDA devices";
+  const RenderOptions options = picture(128, 128, 16);
+  const Device roomy = make_device(GPURT_DEVICE_CUDA), tight = make_cuda_devices({0, 1}, uint64_t(24) << 20);
+  const Scene a = make_scene(roomy, fill_cornell_box), b = make_scene(tight, fill_cornell_box);
+  const Frame expected = make_frame(a, options, all_outputs), tested = make_frame(b, options, all_outputs);
+  render(expected, options);
+  render(tested, options);
+  expect_same(read_all(expected, options), read_all(tested, options));
+  gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
+  GPURT_ASSERT_OK(gpurt_device_get_properties(tight, &properties));
+  EXPECT_EQ(properties.memory_limit_bytes, uint64_t(48) << 20);
+  EXPECT_LE(properties.memory_peak_bytes, uint64_t(48) << 20);
+  EXPECT_GT(properties.memory_used_bytes, 0u);
+}
+
+TEST(CudaPair, StopsSoonWhenCancelled)
+{
+  if (num_cuda_devices() < 2) GTEST_SKIP() << "no two CUDA devices";
+  const Device device = make_cuda_devices({0, 1});
+  const Scene scene = make_scene(device, fill_cornell_box);
+  const RenderOptions options = picture(1024, 1024, 1 << 20);
+  const Frame frame = make_frame(scene, options, all_outputs);
+  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+  desc.samples_per_pixel = options.spp;
+  Job job;
+  GPURT_ASSERT_OK(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()));
+  EXPECT_EQ(gpurt_job_wait(job, 1'000'000'000), GPURT_ERROR_TIMEOUT);
+  GPURT_ASSERT_OK(gpurt_job_cancel(job));
+  EXPECT_EQ(gpurt_job_wait(job, 500'000'000), GPURT_ERROR_CANCELLED) << gpurt_last_error();
+  EXPECT_GT(statistics(frame).num_samples, 0u);
+}
+
 TEST(Images, OfACornellBoxDoNotDependOnTheNumberOfThreads)
 {
   for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})

@@ -65,16 +65,28 @@ inline Device make_device(gpurt_device_type type = GPURT_DEVICE_CPU, uint32_t th
   return device;
 }
 
-inline bool has_cuda()
+inline uint32_t num_cuda_devices()
 {
-  uint32_t count = 0;
-  if (gpurt_device_enumerate(nullptr, 0, &count) != GPURT_OK) return false;
+  uint32_t count = 0, num_cuda = 0;
+  if (gpurt_device_enumerate(nullptr, 0, &count) != GPURT_OK) return 0;
   std::vector<gpurt_device_properties> all(count, gpurt_device_properties GPURT_DEVICE_PROPERTIES_INIT);
-  if (gpurt_device_enumerate(all.data(), count, &count) != GPURT_OK) return false;
-  for (const auto &p : all) {
-    if (p.type == GPURT_DEVICE_CUDA) return true;
-  }
-  return false;
+  if (gpurt_device_enumerate(all.data(), count, &count) != GPURT_OK) return 0;
+  for (const auto &p : all) num_cuda += p.type == GPURT_DEVICE_CUDA;
+  return num_cuda;
+}
+inline bool has_cuda() { return num_cuda_devices() != 0; }
+
+/// Several CUDA devices that work as one.
+inline Device make_cuda_devices(const std::vector<uint32_t> &ordinals, uint64_t limit = 0)
+{
+  gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
+  desc.type = GPURT_DEVICE_CUDA;
+  desc.ordinals = ordinals.data();
+  desc.num_ordinals = uint32_t(ordinals.size());
+  desc.memory_limit_bytes = limit;
+  Device device;
+  GPURT_EXPECT_OK(gpurt_device_create(&desc, device.out()));
+  return device;
 }
 
 struct Mesh {

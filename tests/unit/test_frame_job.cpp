@@ -99,7 +99,7 @@ TEST(Job, UnitsStaySmall)
   FakeFrame fake;
   const auto frame = fake.make(300, 200);
   render(frame, 100);
-  EXPECT_LE(fake.scene->largest_unit_paths, 16384u);
+  EXPECT_LE(fake.scene->largest_unit_paths, 65536u);
   EXPECT_EQ(statistics(*frame).tile_size, 32u);
   render(frame, 101, {}, 128);
   EXPECT_EQ(statistics(*frame).tile_size, 128u);

@@ -65,6 +65,23 @@ CLI::IsMember one_of(const Named (&names)[n])
   return CLI::IsMember(known);
 }
 
+// The numbers of "cuda:0,1"; none where the text is not of that form.
+std::vector<uint32_t> cuda_ordinals(const std::string &text)
+{
+  if (text.rfind("cuda:", 0) != 0) return {};
+  std::vector<uint32_t> ordinals;
+  for (size_t first = 5; first <= text.size();) {
+    const size_t end = std::min(text.find(',', first), text.size());
+    const std::string number = text.substr(first, end - first);
+    const bool is_number = !number.empty() && number.size() < 7 &&
+                           std::all_of(number.begin(), number.end(), [](unsigned char c) { return std::isdigit(c); });
+    if (!is_number) return {};
+    ordinals.push_back(uint32_t(std::stoul(number)));
+    first = end + 1;
+  }
+  return ordinals;
+}
+
 void print_message(void *, gpurt_log_level level, const char *message)
 {
   if (level <= GPURT_LOG_WARNING)
@@ -76,15 +93,13 @@ void print_message(void *, gpurt_log_level level, const char *message)
 void DeviceOptions::add_to(CLI::App &command)
 {
   const auto check_device = [](const std::string &text) {
-    const bool is_ordinal =
-        text.rfind("cuda:", 0) == 0 && text.size() > 5 && text.size() < 12 &&
-        std::all_of(text.begin() + 5, text.end(), [](unsigned char c) { return std::isdigit(c); });
-    return text == "auto" || text == "cpu" || text == "cuda" || is_ordinal
-               ? std::string()
-               : "is none of auto, cpu, cuda and cuda:N";
+    const bool is_known = text == "auto" || text == "cpu" || text == "cuda" || !cuda_ordinals(text).empty();
+    return is_known ? std::string() : "is none of auto, cpu, cuda, cuda:N and cuda:N,N,...";
   };
   command
-      .add_option("--device", device, "auto (a CUDA device that works, else the CPU), cpu, cuda or cuda:N")
+      .add_option("--device", device,
+                  "auto (a CUDA device that works, else the CPU), cpu, cuda, cuda:N, or several that share the work: "
+                  "cuda:0,1")
       ->check(CLI::Validator(check_device, "DEVICE"))
       ->type_name("DEVICE")
       ->capture_default_str();
@@ -103,7 +118,11 @@ Device DeviceOptions::create(gpurt_device_type type) const
   if (type != GPURT_DEVICE_AUTO) desc.type = type;
   else if (device == "cpu") desc.type = GPURT_DEVICE_CPU;
   else if (device != "auto") desc.type = GPURT_DEVICE_CUDA;
-  if (device.size() > 5) desc.ordinal = uint32_t(std::stoul(device.substr(5)));
+  const std::vector<uint32_t> ordinals = cuda_ordinals(device);
+  if (type == GPURT_DEVICE_AUTO && !ordinals.empty()) {
+    desc.ordinals = ordinals.data();
+    desc.num_ordinals = uint32_t(ordinals.size());
+  }
   desc.num_threads = threads;
   if (!memory_limit.empty()) desc.memory_limit_bytes = parse_bytes(memory_limit, "--memory-limit");
   if (!quiet) desc.log = print_message;

@@ -136,7 +136,7 @@ def test_arrays_of_another_device_are_refused(device):
         def __dlpack_device__(self):
             return (2, 0)
 
-    with pytest.raises(gpurt.InvalidArgument, match="vertices: lies on another device"):
+    with pytest.raises(gpurt.InvalidArgument, match="vertices: lies on CUDA device 0, but the scene on the CPU"):
         gpurt.Scene(device).add_mesh(OnGpu(np.zeros((3, 3), np.float32)))
 
 

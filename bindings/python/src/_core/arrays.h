@@ -19,19 +19,23 @@ inline std::string to_path(const py::bytes &path)
   return text;
 }
 
-/// A two-dimensional array of T, or None, as a gpurt_array. Rows may be apart from each other, within a row
+/// Rows in a buffer: (Buffer, offset in bytes, distance of rows in bytes, number of rows).
+gpurt_array buffer_array(const py::tuple &rows, const char *name);
+
+/// A two-dimensional array of T, rows in a buffer, or None, as a gpurt_array. Rows may be apart from each other, within a row
 /// everything is packed: the package has copied what is laid out otherwise.
 template <class T>
 gpurt_array to_gpurt_array(const py::object &object, py::ssize_t columns, const char *name)
 {
   gpurt_array array = {};
   if (object.is_none()) return array;
+  if (py::isinstance<py::tuple>(object)) return buffer_array(object, name);
   constexpr auto item = static_cast<py::ssize_t>(sizeof(T));
   if (!py::isinstance<py::array_t<T>>(object)) raise_invalid(std::string(name) + ": wrong type of array");
   const auto source = py::reinterpret_borrow<py::array>(object);
   if (source.ndim() != 2 || source.shape(1) != columns ||
       (source.shape(0) > 1 && source.strides(0) < columns * item) ||
-      (columns > 1 && source.strides(1) != item)) {
+      (source.shape(0) > 0 && columns > 1 && source.strides(1) != item)) {
     raise_invalid(std::string(name) + ": wrong shape or strides");
   }
   array.data = source.data();

@@ -26,6 +26,26 @@ std::vector<DroppedHandle> &dropped_handles()
   return *handles;
 }
 
+std::vector<PyObject *> &dropped_objects()
+{
+  static auto *objects = new std::vector<PyObject *>;
+  return *objects;
+}
+
+// With Python's lock held. What the objects' own ends drop is taken too.
+void free_dropped_objects()
+{
+  for (;;) {
+    std::vector<PyObject *> objects;
+    {
+      std::lock_guard lock(dropped_mutex());
+      objects.swap(dropped_objects());
+    }
+    if (objects.empty()) return;
+    for (PyObject *object : objects) Py_DECREF(object);
+  }
+}
+
 struct Calls {
   std::mutex mutex;
   std::condition_variable none;
@@ -87,9 +107,21 @@ void enter_library()
     std::lock_guard lock(dropped_mutex());
     handles.swap(dropped_handles());
   }
-  if (handles.empty()) return;
-  const Unlocked unlocked;
-  for (const DroppedHandle &dropped : handles) dropped.release(dropped.handle);
+  if (!handles.empty()) {
+    const Unlocked unlocked;
+    for (const DroppedHandle &dropped : handles) dropped.release(dropped.handle);
+  }
+  free_dropped_objects();
+}
+
+void drop_object(PyObject *object)
+{
+  if (PyGILState_Check()) {
+    Py_DECREF(object);
+    return;
+  }
+  std::lock_guard lock(dropped_mutex());
+  dropped_objects().push_back(object);
 }
 
 void release_handle(gpurt_result (*release)(void *), void *handle)
@@ -99,9 +131,12 @@ void release_handle(gpurt_result (*release)(void *), void *handle)
     dropped_handles().push_back({release, handle});
     return;
   }
-  // Releasing a job waits for its threads, which may be waiting for Python's lock.
-  const Unlocked unlocked;
-  release(handle);
+  {
+    // Releasing a job waits for its threads, which may be waiting for Python's lock.
+    const Unlocked unlocked;
+    release(handle);
+  }
+  free_dropped_objects();
 }
 
 Unlocked::Unlocked()

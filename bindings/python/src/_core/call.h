@@ -62,6 +62,9 @@ void call(Function &&function)
   if (result != GPURT_OK) raise_result(result, message);
 }
 
+/// Takes a reference away, now or, where Python's lock is not held, at the next call of the library.
+void drop_object(PyObject *object);
+
 /// Gives a handle back, now or, from inside a callback, at the next call of the library.
 void release_handle(gpurt_result (*release)(void *), void *handle);
 

@@ -1,7 +1,10 @@
+#include <pybind11/stl.h>
+
 #include <algorithm>
 #include <memory>
 #include <vector>
 
+#include "gpurt_cuda.h"
 #include "objects.h"
 
 namespace gpurt_python {
@@ -33,13 +36,19 @@ py::list enumerate()
   return list;
 }
 
-std::unique_ptr<Device> create(int type, uint32_t ordinal, uint32_t num_threads, uint64_t memory_limit,
-                               const py::object &log)
+std::unique_ptr<Device> create(int type, const std::vector<uint32_t> &ordinals, uint32_t num_threads,
+                               uint64_t memory_limit, const py::object &log)
 {
   auto device = std::make_unique<Device>(CallbackId(log));
   gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
   desc.type = static_cast<gpurt_device_type>(type);
-  desc.ordinal = ordinal;
+  // One ordinal is passed in the plain way, which also says 0 of what has no ordinals.
+  if (ordinals.size() == 1) {
+    desc.ordinal = ordinals[0];
+  } else {
+    desc.ordinals = ordinals.data();
+    desc.num_ordinals = static_cast<uint32_t>(ordinals.size());
+  }
   desc.num_threads = num_threads;
   desc.memory_limit_bytes = memory_limit;
   if (device->log.is_set()) {
@@ -57,15 +66,30 @@ py::dict get_properties(const Device &device)
   return to_dict(properties);
 }
 
+void order_streams(const Device &device, uint32_t ordinal, std::uintptr_t stream, std::uintptr_t after)
+{
+  call([&] {
+    return gpurt_cuda_order(device.handle.get(), ordinal, reinterpret_cast<void *>(stream),
+                            reinterpret_cast<void *>(after));
+  });
+}
+
+void wait_for_stream(const Device &device, uint32_t ordinal, std::uintptr_t stream)
+{
+  call([&] { return gpurt_cuda_wait(device.handle.get(), ordinal, reinterpret_cast<void *>(stream)); });
+}
+
 }  // namespace
 
 void bind_device(py::module_ &module)
 {
   module.def("devices", enumerate);
   py::class_<Device>(module, "Device")
-      .def(py::init(&create), py::arg("type"), py::arg("ordinal"), py::arg("num_threads"),
+      .def(py::init(&create), py::arg("type"), py::arg("ordinals"), py::arg("num_threads"),
            py::arg("memory_limit"), py::arg("log"))
-      .def("properties", get_properties);
+      .def("properties", get_properties)
+      .def("order_streams", order_streams, py::arg("ordinal"), py::arg("stream"), py::arg("after"))
+      .def("wait_for_stream", wait_for_stream, py::arg("ordinal"), py::arg("stream"));
 }
 
 }  // namespace gpurt_python

@@ -2,6 +2,7 @@
 
 #include <pybind11/pybind11.h>
 
+#include "dlpack.h"
 #include "objects.h"
 
 namespace {
@@ -26,6 +27,8 @@ PYBIND11_MODULE(_core, module)
     wait_for_calls();
   });
   bind_device(module);
+  bind_dlpack(module);
+  bind_buffer(module);
   bind_scene(module);
   bind_frame(module);
 }

@@ -18,6 +18,10 @@ struct Device {
   Owner<gpurt_device, gpurt_device_release> handle;
 };
 
+struct Buffer {
+  Owner<gpurt_buffer, gpurt_buffer_release> handle;
+};
+
 struct Scene {
   Owner<gpurt_scene, gpurt_scene_release> handle;
 };
@@ -41,6 +45,7 @@ struct Job {
 void stop_jobs();
 
 void bind_device(py::module_ &module);
+void bind_buffer(py::module_ &module);
 void bind_scene(py::module_ &module);
 void bind_trace(py::class_<Scene> &scene);
 void bind_frame(py::module_ &module);

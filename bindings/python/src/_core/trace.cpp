@@ -1,4 +1,5 @@
 #include "arrays.h"
+#include "gpurt_cuda.h"
 #include "objects.h"
 
 namespace gpurt_python {
@@ -25,12 +26,39 @@ void trace(const Scene &scene, int query, int format, const py::array &rays, con
   call([&] { return gpurt_scene_trace(scene.handle.get(), &desc); });
 }
 
+// The same with addresses, of host or device memory, which the caller has checked. A stream, which None is not: the work
+// is queued there and not waited for.
+void trace_memory(const Scene &scene, int query, int format, bool in_device_memory, uint64_t num_rays, std::uintptr_t rays,
+                  std::uintptr_t hits, uint64_t hit_capacity, std::uintptr_t occluded, std::uintptr_t offsets,
+                  const py::object &stream)
+{
+  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+  desc.query = static_cast<gpurt_query>(query);
+  desc.format = static_cast<gpurt_hit_format>(format);
+  desc.storage = in_device_memory ? GPURT_STORAGE_DEVICE : GPURT_STORAGE_HOST;
+  desc.num_rays = num_rays;
+  desc.rays = reinterpret_cast<const gpurt_ray *>(rays);
+  desc.hits = reinterpret_cast<void *>(hits);
+  desc.hit_capacity = hit_capacity;
+  desc.occluded = reinterpret_cast<uint8_t *>(occluded);
+  desc.offsets = reinterpret_cast<uint64_t *>(offsets);
+  if (stream.is_none()) {
+    call([&] { return gpurt_scene_trace(scene.handle.get(), &desc); });
+  } else {
+    auto *const handle = reinterpret_cast<void *>(stream.cast<std::uintptr_t>());
+    call([&] { return gpurt_cuda_trace(scene.handle.get(), &desc, handle, nullptr, nullptr); });
+  }
+}
+
 }  // namespace
 
 void bind_trace(py::class_<Scene> &scene)
 {
   scene.def("trace", trace, py::arg("query"), py::arg("format"), py::arg("rays"), py::arg("hits"),
             py::arg("occluded"), py::arg("offsets"));
+  scene.def("trace_memory", trace_memory, py::arg("query"), py::arg("format"), py::arg("in_device_memory"),
+            py::arg("num_rays"), py::arg("rays"), py::arg("hits"), py::arg("hit_capacity"), py::arg("occluded"),
+            py::arg("offsets"), py::arg("stream"));
 }
 
 }  // namespace gpurt_python

@@ -13,19 +13,21 @@ Device, Scene, Frame, Job and Image own what the C library gives out; errors are
 import atexit as _atexit
 
 from gpurt import _core
+from gpurt._memory import DeviceArray
 from gpurt._trace import hit_compact_dtype, hit_dtype, make_rays
 from gpurt.device import Device, DeviceProperties, default_device, devices
 from gpurt.errors import (Cancelled, DeviceError, Error, FileError, InternalError, InvalidArgument, OutOfMemory,
                           Timeout, Unsupported)
 from gpurt.frame import Frame, Job, Statistics
+from gpurt.hits import Hits
 from gpurt.image import Image
 from gpurt.scene import (INVALID_ID, Camera, KdTree, Placed, Scene, SceneFacts, kdtree_node_dtype, load, look_at)
 
 __version__ = _core.version()
 
 __all__ = [
-    "INVALID_ID", "Camera", "Cancelled", "Device", "DeviceError", "DeviceProperties", "Error", "FileError", "Frame",
-    "Image", "InternalError", "InvalidArgument", "Job", "KdTree", "OutOfMemory", "Placed", "Scene", "SceneFacts",
+    "INVALID_ID", "Camera", "Cancelled", "Device", "DeviceArray", "DeviceError", "DeviceProperties", "Error",
+    "FileError", "Frame", "Hits", "Image", "InternalError", "InvalidArgument", "Job", "KdTree", "OutOfMemory", "Placed", "Scene", "SceneFacts",
     "Statistics", "Timeout", "Unsupported", "default_device", "devices", "hit_compact_dtype", "hit_dtype",
     "kdtree_node_dtype", "load", "look_at", "make_rays",
 ]

@@ -35,8 +35,8 @@ def as_array(value: Any, name: str) -> Array:
     if hasattr(value, "__dlpack__") and not isinstance(value, (np.ndarray, np.generic)):
         device = value.__dlpack_device__() if hasattr(value, "__dlpack_device__") else (1, 0)
         if device[0] != 1:  # kDLCPU
-            raise InvalidArgument(f"{name}: lies on another device (DLPack type {int(device[0])}); copy it to host "
-                                  "memory first, such as with .cpu() or .get()")
+            raise InvalidArgument(f"{name}: lies on another device (DLPack type {int(device[0])}); this argument is read "
+                                  "from host memory: copy it there first, such as with .cpu() or .get()")
         try:
             return np.from_dlpack(value)
         except (BufferError, RuntimeError, TypeError) as error:

@@ -1,5 +1,5 @@
 # Private: use the package gpurt. Enumerations are the C library's numbers, arrays are as its header states.
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
 from gpurt._arrays import Array
 from gpurt._callbacks import Callback
@@ -10,9 +10,38 @@ def devices() -> List[Dict[str, Any]]: ...
 
 class Device:
     def __init__(
-        self, type: int, ordinal: int, num_threads: int, memory_limit: int, log: Optional[Callback]
+        self, type: int, ordinals: Sequence[int], num_threads: int, memory_limit: int, log: Optional[Callback]
     ) -> None: ...
     def properties(self) -> Dict[str, Any]: ...
+    def order_streams(self, ordinal: int, stream: int, after: int) -> None: ...
+    def wait_for_stream(self, ordinal: int, stream: int) -> None: ...
+
+class BorrowedTensor:
+    def __init__(self, capsule: Any) -> None: ...
+    def data(self) -> int: ...
+    def device(self) -> Tuple[int, int]: ...
+    def dtype(self) -> Tuple[int, int, int]: ...
+    def shape(self) -> Tuple[int, ...]: ...
+    def strides(self) -> Optional[Tuple[int, ...]]: ...
+    def read_only(self) -> bool: ...
+
+def lend_tensor(
+    owner: Any,
+    data: int,
+    shape: Sequence[int],
+    dtype_code: int,
+    dtype_bits: int,
+    device_type: int,
+    device_id: int,
+    versioned: bool,
+) -> Any: ...
+
+class Buffer:
+    def __init__(self, device: Device, in_device_memory: bool, size_bytes: int, data: int, owner: Any) -> None: ...
+    def data(self) -> int: ...
+    def read(self, offset_bytes: int, size_bytes: int) -> bytes: ...
+
+Rows = Union[Array, Tuple[Buffer, int, int, int]]
 
 class Scene:
     def __init__(self, device: Device) -> None: ...
@@ -35,10 +64,10 @@ class Scene:
     ) -> int: ...
     def add_mesh(
         self,
-        vertices: Array,
-        indices: Optional[Array],
-        normals: Optional[Array],
-        uvs: Optional[Array],
+        vertices: Rows,
+        indices: Optional[Rows],
+        normals: Optional[Rows],
+        uvs: Optional[Rows],
         material: int,
     ) -> int: ...
     def add_patches(self, control_points: Array, material: int) -> int: ...
@@ -87,6 +116,19 @@ class Scene:
         hits: Optional[Array],
         occluded: Optional[Array],
         offsets: Optional[Array],
+    ) -> None: ...
+    def trace_memory(
+        self,
+        query: int,
+        format: int,
+        in_device_memory: bool,
+        num_rays: int,
+        rays: int,
+        hits: int,
+        hit_capacity: int,
+        occluded: int,
+        offsets: int,
+        stream: Optional[int],
     ) -> None: ...
 
 class Frame:

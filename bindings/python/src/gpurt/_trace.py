@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Iterator, Optional, Tuple, Union
+from typing import Any, Iterator, Optional, Sequence, Tuple, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from gpurt import _core
 from gpurt._arrays import Array, FloatArray, as_array, shape_text, to_float32
+from gpurt._libraries import Library, library_of
 from gpurt._names import HIT_FORMAT, QUERY
 from gpurt.errors import InvalidArgument
 
@@ -27,11 +28,17 @@ hit_compact_dtype = np.dtype([("t", "<f4"), ("u", "<f4"), ("v", "<f4"), ("primit
 RAYS_PER_CALL = 1 << 22
 
 
-def make_rays(origins: Any, directions: Any, tmin: Any = 0.0, tmax: Any = math.inf) -> FloatArray:
+def make_rays(origins: Any, directions: Any, tmin: Any = 0.0, tmax: Any = math.inf) -> Any:
     """Rays as float32 [...][8] = ox oy oz tmin dx dy dz tmax.
 
-    origins and directions [...][3], tmin and tmax [...] are broadcast against each other.
+    origins and directions [...][3], tmin and tmax [...] are broadcast against each other. Of PyTorch, CuPy or JAX
+    arrays they are made by that library, where the arrays lie.
     """
+    parts = (origins, tmin, directions, tmax)
+    for part in parts:
+        library = library_of(part)
+        if library is not None:
+            return _pack_foreign(library, parts, part)
     o, d = as_array(origins, "origins"), as_array(directions, "directions")
     for array, name in ((o, "origins"), (d, "directions")):
         if array.ndim < 1 or array.shape[-1] != 3:
@@ -48,6 +55,17 @@ def make_rays(origins: Any, directions: Any, tmin: Any = 0.0, tmax: Any = math.i
     rays[..., 4:7] = to_float32(d, "directions")
     rays[..., 7] = to_float32(far, "tmax")
     return rays
+
+
+def _pack_foreign(library: Library, parts: Sequence[Any], like: Any) -> Any:
+    for part, name in ((parts[0], "origins"), (parts[2], "directions")):
+        shape = tuple(part.shape) if hasattr(part, "shape") else np.shape(part)
+        if not shape or shape[-1] != 3:
+            raise InvalidArgument(f"{name}: expected [...][3], got {shape_text(shape)}")
+    try:
+        return library.pack_rays(parts, like)
+    except (RuntimeError, TypeError, ValueError) as error:
+        raise InvalidArgument(f"origins, directions, tmin, tmax: do not fit together: {error}") from error
 
 
 def check_rays(value: Any) -> FloatArray:

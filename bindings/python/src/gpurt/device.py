@@ -7,12 +7,15 @@ import dataclasses
 import logging
 import threading
 import weakref
-from typing import Any, Callable, Iterator, List, NoReturn, Optional
+from typing import Any, Callable, Iterator, List, NoReturn, Optional, Sequence, Union
+
+import numpy as np
 
 from gpurt import _core
 from gpurt._arrays import to_count
 from gpurt._callbacks import Callback, check_callable
 from gpurt._names import DEVICE_TYPE, LOG_LEVEL
+from gpurt.errors import InvalidArgument
 
 LogFunction = Callable[[str, str], Any]
 
@@ -49,9 +52,10 @@ class Device:
     """A CPU or a GPU with the memory and the threads that gpurt uses on it.
 
     :param type: "auto" (the first CUDA device that works, else the CPU), "cpu" or "cuda".
-    :param ordinal: which CUDA device, from 0.
+    :param ordinal: which CUDA device, from 0; or several, such as (0, 1): they work as one. A scene is built on each,
+        and they share the work of every frame and of rays in host memory. The bits are those of one device.
     :param threads: worker threads of the CPU; 0: all that the process may use.
-    :param memory_limit: bytes that scenes, frames and working memory may take together; 0: no limit.
+    :param memory_limit: bytes that scenes, frames and working memory may take together, on each device; 0: no limit.
     :param log: called as log(level, message) with level "error", "warning" or "info", from any thread, never from
         two at once. It must not use gpurt. What it raises is raised by the gpurt call that runs, or the next one.
         None: messages go to logging.getLogger("gpurt").
@@ -62,15 +66,22 @@ class Device:
     such device or its driver fails.
     """
 
-    def __init__(self, type: str = "auto", ordinal: int = 0, threads: int = 0, memory_limit: int = 0,
+    def __init__(self, type: str = "auto", ordinal: Union[int, Sequence[int]] = 0, threads: int = 0, memory_limit: int = 0,
                  log: Optional[LogFunction] = None) -> None:
         check_callable(log, "log")
         function = log or _log_to_logging
         self._log = Callback(lambda level, message: function(LOG_LEVEL.name(level), message))
+        several: Sequence[int] = [ordinal] if isinstance(ordinal, (int, np.integer)) else list(ordinal)
+        if not several:
+            raise InvalidArgument("ordinal: is empty; name at least one device")
+        ordinals = [to_count(n, "ordinal") for n in several]
         with self._log_errors():
-            self._core = _core.Device(DEVICE_TYPE.value(type), to_count(ordinal, "ordinal"),
+            self._core = _core.Device(DEVICE_TYPE.value(type), ordinals,
                                       to_count(threads, "threads"), to_count(memory_limit, "memory_limit", 64),
                                       self._log)
+        found = self._core.properties()
+        self._is_cuda = DEVICE_TYPE.name(found["type"]) == "cuda"
+        self._ordinals = tuple(ordinals) if len(ordinals) > 1 else (int(found["ordinal"]),)
 
     @property
     def properties(self) -> DeviceProperties:
@@ -89,7 +100,7 @@ class Device:
 
     def __repr__(self) -> str:
         p = self.properties
-        kind = p.type if p.type == "cpu" else f"{p.type}:{p.ordinal}"
+        kind = p.type if p.type == "cpu" else f"{p.type}:{','.join(map(str, self._ordinals))}"
         return f"<gpurt.Device {kind}, {p.name}, {p.memory_used / 2**20:.1f} MiB in use>"
 
     def __reduce__(self) -> NoReturn:

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gpurt import _core
-from gpurt._arrays import (IDENTITY, Array, FloatArray, PathLike, UIntArray, Vector, as_array, float_rows, index_rows,
-                           optional_path, shape_text, to_count, to_float32, to_number, to_path, to_transform,
-                           to_uint32, to_vec3)
+from gpurt._arrays import (IDENTITY, Array, FloatArray, PathLike, UIntArray, Vector, as_array, float_rows, optional_path,
+                           shape_text, to_count, to_float32, to_number, to_path, to_transform, to_uint32, to_vec3)
+from gpurt._foreign import mesh_rows, trace_foreign
+from gpurt._libraries import library_of
 from gpurt._names import (ACCEL, CAMERA_TYPE, FILTER, LIGHT_TYPE, MATERIAL_TYPE, SUBDIVISION_SCHEME, TRIANGLE_TEST,
                           WRAP)
 from gpurt._trace import make_rays, trace
@@ -116,9 +117,10 @@ class Scene:
     Geometries, instances, lights and cameras count from 0 in the order of their creation; materials and textures
     count from 1, so that 0 means none. Metres, right-handed, Y up; radiance in linear Rec. 709.
 
-    Arrays are numpy arrays or anything that offers DLPack or the buffer protocol, in host memory. float32 and
-    uint32 arrays with packed rows are read where they lie; others are converted by a copy first. Nothing of them is
-    needed after the call.
+    Arrays are numpy arrays or anything that offers DLPack, the buffer protocol or the CUDA array interface. In host
+    memory float32 and uint32 arrays with packed rows are read where they lie, others are converted by a copy first.
+    Arrays of vertices and rays may also lie on a GPU of the scene's device; they have the right type and layout then.
+    Nothing of them is needed after the call, unless it says otherwise.
 
     A scene may be used from several threads; calls that change it exclude each other.
     """
@@ -188,7 +190,7 @@ class Scene:
             to_count(base_color_texture, "base_color_texture"), bool(two_sided_emission))
 
     def add_mesh(self, vertices: Any, indices: Any = None, normals: Any = None, uvs: Any = None, *,
-                 material: int = 0, transform: Any = None) -> Placed:
+                 material: int = 0, transform: Any = None, share: bool = False) -> Placed:
         """Adds a triangle mesh, places it, and returns (geometry, instance).
 
         :param vertices: float32 [n][3], metres, or [m][3][3] without indices.
@@ -197,6 +199,8 @@ class Scene:
         :param uvs: float32 [n][2]; None: (0, 0).
         :param material: id; 0: white Lambertian.
         :param transform: object to world, [3][4] or [4][4]; None: where it is; False: not placed, see add_instance.
+        :param share: the scene reads arrays in host memory where they are for as long as it lives, in place of copying
+            them; they must not change meanwhile. They must be arrays of the types above (indices also int32).
 
         Degenerate triangles are legal and never hit. The counter-clockwise side is the front.
 
@@ -204,10 +208,10 @@ class Scene:
         """
         place = None if transform is False else to_transform(transform)
         geometry = self._core.add_mesh(
-            float_rows(vertices, "vertices", 3, "[n][3]"),
-            None if indices is None else index_rows(indices, "indices"),
-            None if normals is None else float_rows(normals, "normals", 3, "[n][3]"),
-            None if uvs is None else float_rows(uvs, "uvs", 2, "[n][2]"),
+            mesh_rows(self.device, vertices, "vertices", 3, "[n][3]", share),
+            None if indices is None else mesh_rows(self.device, indices, "indices", 3, "[m][3]", share),
+            None if normals is None else mesh_rows(self.device, normals, "normals", 3, "[n][3]", share),
+            None if uvs is None else mesh_rows(self.device, uvs, "uvs", 2, "[n][2]", share),
             to_count(material, "material"))
         return self._place(geometry, place)
 
@@ -374,19 +378,20 @@ class Scene:
     @overload
     def trace(self, rays: Any = None, *, origins: Any = None, directions: Any = None, tmin: Any = None,
               tmax: Any = None, query: Literal["closest", "any"] = "closest", format: str = "full",
-              out: Optional[Array] = None) -> Array: ...
+              out: Any = None) -> Any: ...
 
     @overload
     def trace(self, rays: Any = None, *, origins: Any = None, directions: Any = None, tmin: Any = None,
               tmax: Any = None, query: Literal["all"], format: str = "full",
-              out: None = None) -> Tuple[Array, npt.NDArray[np.uint64]]: ...
+              out: None = None) -> Tuple[Any, Any]: ...
 
     def trace(self, rays: Any = None, *, origins: Any = None, directions: Any = None, tmin: Any = None,
               tmax: Any = None, query: str = "closest", format: str = "full",
-              out: Optional[Array] = None) -> Union[Array, Tuple[Array, npt.NDArray[np.uint64]]]:
+              out: Any = None) -> Any:
         """Traces a batch of rays on all threads of the device.
 
-        :param rays: float32 [...][8] = ox oy oz tmin dx dy dz tmax. Read where they lie if C-contiguous float32.
+        :param rays: float32 [...][8] = ox oy oz tmin dx dy dz tmax. Read where they lie if C-contiguous float32, which
+            rays on a GPU must be.
         :param origins, directions, tmin, tmax: in place of rays: [...][3], [...][3], [...], [...], broadcast
             against each other; tmin is 0 and tmax infinity if not given. Copied into one array.
         :param query: "closest": one hit a ray; of equal t the smaller (instance, primitive).
@@ -397,6 +402,12 @@ class Scene:
 
         Returns for "closest" an array of hits and for "any" of bool, shaped [...] as the rays; for "all" (hits,
         offsets): ray i, of the rays in order, has hits[offsets[i]:offsets[i + 1]].
+
+        Results are of the rays' kind. Hits in numpy arrays are structured. For PyTorch, CuPy and JAX arrays they are
+        gpurt.Hits of that library's arrays, on the same device; for other arrays on a GPU gpurt.DeviceArray. Closest
+        and any hits of rays on a GPU are queued on the current stream of PyTorch or CuPy, or where the arrays' stream
+        protocol says: the call returns at once, and nothing travels through host memory. Rays, scene and commit must
+        stay as they are until that work is done.
 
         A miss has t = tmax and the ids INVALID_ID. Directions need not be of unit length, t is in their units; hits
         outside [tmin, tmax] do not count. Rays with a zero or non-finite direction, a non-finite origin or
@@ -410,7 +421,10 @@ class Scene:
             rays = make_rays(origins, directions, 0.0 if tmin is None else tmin, math.inf if tmax is None else tmax)
         elif not (origins is None and directions is None and tmin is None and tmax is None):
             raise InvalidArgument("rays: hold origins, directions, tmin and tmax already; give either")
+        library = library_of(rays)
         with self.device._log_errors():
+            if library is not None:
+                return trace_foreign(self.device, self._core, library, rays, query, format, out)
             return trace(self._core, rays, query, format, out)
 
     # ---- rendering ----

@@ -86,6 +86,9 @@ pub struct gpurt_device_desc {
     pub memory_limit_bytes: u64,
     pub log: gpurt_log_fn,
     pub log_user: *mut ::std::os::raw::c_void,
+    pub ordinals: *const u32,
+    pub num_ordinals: u32,
+    pub reserved: u32,
 }
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
@@ -156,6 +159,22 @@ extern "C" {
 }
 extern "C" {
     pub fn gpurt_buffer_release(buffer: gpurt_buffer) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_buffer_write(
+        buffer: gpurt_buffer,
+        offset_bytes: u64,
+        data: *const ::std::os::raw::c_void,
+        size_bytes: u64,
+    ) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_buffer_read(
+        buffer: gpurt_buffer,
+        offset_bytes: u64,
+        data: *mut ::std::os::raw::c_void,
+        size_bytes: u64,
+    ) -> gpurt_result;
 }
 extern "C" {
     pub fn gpurt_buffer_get_data(
@@ -714,5 +733,20 @@ extern "C" {
         stream: *mut ::std::os::raw::c_void,
         wait_event: *mut ::std::os::raw::c_void,
         done_event: *mut ::std::os::raw::c_void,
+    ) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_cuda_order(
+        device: gpurt_device,
+        ordinal: u32,
+        stream: *mut ::std::os::raw::c_void,
+        after: *mut ::std::os::raw::c_void,
+    ) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_cuda_wait(
+        device: gpurt_device,
+        ordinal: u32,
+        stream: *mut ::std::os::raw::c_void,
     ) -> gpurt_result;
 }

@@ -164,7 +164,8 @@ macro_rules! defaults {
 macro_rules! with_descriptors {
     ($macro:ident, $layouts:ident) => {
         $macro! { $layouts:
-            gpurt_device_desc { struct_size type_ ordinal num_threads memory_limit_bytes log log_user }
+            gpurt_device_desc { struct_size type_ ordinal num_threads memory_limit_bytes log log_user ordinals
+                num_ordinals reserved }
             gpurt_device_properties { struct_size type_ ordinal num_threads memory_bytes memory_limit_bytes
                 memory_used_bytes memory_peak_bytes compute_capability name instruction_set }
             gpurt_buffer_desc { struct_size storage size_bytes data release release_user }

@@ -1,0 +1,30 @@
+// A scene that is committed on several devices.
+#pragma once
+
+#include "multi/members.h"
+
+namespace gpurt::multi {
+
+class MultiScene final : public CommittedScene, public StreamTracing {
+ public:
+  /// One scene for each of the members, in their order.
+  MultiScene(std::shared_ptr<const Members> members, std::vector<std::shared_ptr<const CommittedScene>> scenes);
+
+  const AccelFacts &accel_facts() const override { return facts_; }
+  HostKdTree export_tree(uint32_t tree) const override;
+  void render(const RenderPass &pass) const override;
+  void trace(const TraceRequest &request) const override;
+  void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event,
+                       void *done_event) const override;
+
+ private:
+  void trace_each(const TraceRequest &request) const;
+  void trace_all(const TraceRequest &request) const;
+  size_t holder(const TraceRequest &request) const;
+
+  std::shared_ptr<const Members> members_;
+  std::vector<std::shared_ptr<const CommittedScene>> scenes_;
+  AccelFacts facts_;
+};
+
+}  // namespace gpurt::multi
