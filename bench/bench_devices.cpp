@@ -46,8 +46,8 @@ uint32_t add_material(gpurt_scene scene, gpurt_material_type type, Vec color, Ve
   return id;
 }
 
-void add_mesh(gpurt_scene scene, const std::vector<Vec> &vertices, const std::vector<std::array<uint32_t, 3>> &triangles,
-              uint32_t material)
+void add_mesh(gpurt_scene scene, const std::vector<Vec> &vertices,
+              const std::vector<std::array<uint32_t, 3>> &triangles, uint32_t material)
 {
   gpurt_mesh_desc mesh = GPURT_MESH_DESC_INIT;
   mesh.material = material;
@@ -91,10 +91,10 @@ gpurt_scene make_scene(gpurt_device device, uint32_t num_spheres)
   check(gpurt_scene_create(device, &scene), "gpurt_scene_create");
   const uint32_t white = add_material(scene, GPURT_MATERIAL_LAMBERT, {0.7f, 0.7f, 0.7f}, {0, 0, 0}, 1);
   const uint32_t lamp = add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}, {15, 15, 15}, 1);
-  const uint32_t materials[] = {
-      white, add_material(scene, GPURT_MATERIAL_MIRROR, {0.9f, 0.9f, 0.9f}, {0, 0, 0}, 1),
-      add_material(scene, GPURT_MATERIAL_GLASS, {1, 1, 1}, {0, 0, 0}, 1),
-      add_material(scene, GPURT_MATERIAL_METAL, {1, 0.7f, 0.3f}, {0, 0, 0}, 0.3f)};
+  const uint32_t materials[] = {white,
+                                add_material(scene, GPURT_MATERIAL_MIRROR, {0.9f, 0.9f, 0.9f}, {0, 0, 0}, 1),
+                                add_material(scene, GPURT_MATERIAL_GLASS, {1, 1, 1}, {0, 0, 0}, 1),
+                                add_material(scene, GPURT_MATERIAL_METAL, {1, 0.7f, 0.3f}, {0, 0, 0}, 0.3f)};
   const auto wall = [&](Vec o, Vec u, Vec v, uint32_t material) {
     std::vector<Vec> corners(4);
     for (int k = 0; k < 3; ++k) {
@@ -112,7 +112,8 @@ gpurt_scene make_scene(gpurt_device device, uint32_t num_spheres)
   wall({2, 0, -2}, {0, 0, 4}, {0, 3, 0}, white);
   wall({-0.4f, 2.98f, -0.4f}, {0.8f, 0, 0}, {0, 0, 0.8f}, lamp);
   for (uint32_t i = 0; i < num_spheres; ++i) {
-    const float x = -1.6f + 0.35f * float(i % 10), y = 0.25f + 0.4f * float(i / 10), z = -0.8f - 0.3f * float(i % 3);
+    const float x = -1.6f + 0.35f * float(i % 10), y = 0.25f + 0.4f * float(i / 10),
+                z = -0.8f - 0.3f * float(i % 3);
     add_sphere(scene, {x, y, z}, 0.16f, materials[i % 4]);
   }
   gpurt_camera_desc camera = GPURT_CAMERA_DESC_INIT;
@@ -143,8 +144,10 @@ Rendering render(gpurt_scene scene, const Options &options)
   const double start = now();
   check(gpurt_frame_submit(frame, &desc, nullptr, 0, &job), "gpurt_frame_submit");
   check(gpurt_job_wait(job, GPURT_WAIT_FOREVER), "gpurt_job_wait");
-  Rendering r{now() - start, std::vector<float>(size_t(options.width) * options.height * 3), GPURT_STATISTICS_INIT};
-  check(gpurt_frame_read(frame, GPURT_OUTPUT_COLOR, r.color.data(), r.color.size() * sizeof(float)), "gpurt_frame_read");
+  Rendering r{now() - start, std::vector<float>(size_t(options.width) * options.height * 3),
+              GPURT_STATISTICS_INIT};
+  check(gpurt_frame_read(frame, GPURT_OUTPUT_COLOR, r.color.data(), r.color.size() * sizeof(float)),
+        "gpurt_frame_read");
   check(gpurt_frame_get_statistics(frame, &r.statistics), "gpurt_frame_get_statistics");
   gpurt_job_release(job);
   gpurt_frame_release(frame);
@@ -171,7 +174,8 @@ int main(int argc, char **argv)
                             : name == "--spheres" ? &options.spheres
                                                   : nullptr;
     if (value == nullptr || i + 1 == argc) {
-      std::fprintf(stderr, "usage: bench_devices [--width N] [--height N] [--spp N] [--repeats N] [--spheres N]\n");
+      std::fprintf(stderr,
+                   "usage: bench_devices [--width N] [--height N] [--spp N] [--repeats N] [--spheres N]\n");
       return 2;
     }
     *value = uint32_t(std::strtoul(argv[i + 1], nullptr, 10));
@@ -227,12 +231,15 @@ int main(int argc, char **argv)
     gpurt_device_properties p = GPURT_DEVICE_PROPERTIES_INIT;
     check(gpurt_device_get_properties(devices[k], &p), "gpurt_device_get_properties");
     std::printf(
-        "{\"bench\": \"devices\", \"device\": \"%s\", \"num_devices\": %zu, \"width\": %u, \"height\": %u, \"spp\": %u, "
-        "\"seconds\": %.4f, \"seconds_min\": %.4f, \"seconds_max\": %.4f, \"speedup\": %.3f, \"same_bits\": %s, "
+        "{\"bench\": \"devices\", \"device\": \"%s\", \"num_devices\": %zu, \"width\": %u, \"height\": %u, "
+        "\"spp\": %u, "
+        "\"seconds\": %.4f, \"seconds_min\": %.4f, \"seconds_max\": %.4f, \"speedup\": %.3f, \"same_bits\": "
+        "%s, "
         "\"msamples_per_s\": %.1f, \"commit_s\": %.3f, \"memory_peak_bytes\": %llu}\n",
         p.name, sizes[k], options.width, options.height, options.spp, m,
-        *std::min_element(seconds[k].begin(), seconds[k].end()), *std::max_element(seconds[k].begin(), seconds[k].end()),
-        median(seconds[0]) / m, same_bits ? "true" : "false", double(s.num_samples) / m * 1e-6, commit_seconds[k],
+        *std::min_element(seconds[k].begin(), seconds[k].end()),
+        *std::max_element(seconds[k].begin(), seconds[k].end()), median(seconds[0]) / m,
+        same_bits ? "true" : "false", double(s.num_samples) / m * 1e-6, commit_seconds[k],
         (unsigned long long)p.memory_peak_bytes);
     std::fflush(stdout);
   }

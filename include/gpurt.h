@@ -109,7 +109,8 @@ typedef struct gpurt_device_desc {
   uint64_t memory_limit_bytes; /* of all scenes, frames and working memory of each device; 0: none */
   gpurt_log_fn log;            /* NULL: errors and warnings are not shown */
   void *log_user;
-  const uint32_t *ordinals; /* [num_ordinals] different CUDA devices that work as one; NULL: the one in `ordinal` */
+  const uint32_t
+      *ordinals; /* [num_ordinals] different CUDA devices that work as one; NULL: the one in `ordinal` */
   uint32_t num_ordinals;
   uint32_t reserved; /* 0 */
 } gpurt_device_desc;

@@ -28,8 +28,8 @@ size_t Members::holder(const void *data, const char *argument) const
   for (size_t i = 0; i < size(); ++i) {
     if (backends[i]->holds(data)) return i;
   }
-  fail_invalid("{} lies in the memory of none of the devices {} of the scene; copy it to one of them", argument,
-               ordinals());
+  fail_invalid("{} lies in the memory of none of the devices {} of the scene; copy it to one of them",
+               argument, ordinals());
 }
 
 size_t Members::with_ordinal(uint32_t ordinal) const

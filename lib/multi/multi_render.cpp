@@ -52,7 +52,8 @@ void MultiScene::render(const RenderPass &pass) const
         run_named(*members_, member, [&] { scenes_[member]->render(part); });
       } catch (const Error &e) {
         // Where memory is too short for two parts at a time, the device goes on with one.
-        if (e.result() == GPURT_ERROR_OUT_OF_MEMORY && !has_delivered && queue.give_back(member, part.units)) return;
+        if (e.result() == GPURT_ERROR_OUT_OF_MEMORY && !has_delivered && queue.give_back(member, part.units))
+          return;
         stop = true;
         throw;
       } catch (...) {

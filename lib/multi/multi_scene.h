@@ -8,7 +8,8 @@ namespace gpurt::multi {
 class MultiScene final : public CommittedScene, public StreamTracing {
  public:
   /// One scene for each of the members, in their order.
-  MultiScene(std::shared_ptr<const Members> members, std::vector<std::shared_ptr<const CommittedScene>> scenes);
+  MultiScene(std::shared_ptr<const Members> members,
+             std::vector<std::shared_ptr<const CommittedScene>> scenes);
 
   const AccelFacts &accel_facts() const override { return facts_; }
   HostKdTree export_tree(uint32_t tree) const override;

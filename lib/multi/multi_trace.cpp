@@ -108,7 +108,8 @@ void MultiScene::trace_all(const TraceRequest &request) const
   for (uint64_t p = 0; p < num_parts; ++p) {
     first_hit[p + 1] += first_hit[p];
     const uint64_t end = std::min((p + 1) * part_rays, request.num_rays);
-    for (uint64_t i = std::min(p * part_rays, request.num_rays); i < end; ++i) request.offsets[i + 1] += first_hit[p];
+    for (uint64_t i = std::min(p * part_rays, request.num_rays); i < end; ++i)
+      request.offsets[i + 1] += first_hit[p];
   }
   if (request.hits == nullptr) return;
   const uint64_t num_hits = first_hit[num_parts];

@@ -42,7 +42,8 @@ class SharedRange {
 /// The units of a pass, for some workers of each of the members. Used from any thread.
 class SharedUnits {
  public:
-  SharedUnits(std::span<const WorkUnit> units, size_t num_members, size_t workers_per_member, uint64_t smallest)
+  SharedUnits(std::span<const WorkUnit> units, size_t num_members, size_t workers_per_member,
+              uint64_t smallest)
       : units_(units),
         num_workers_(num_members * workers_per_member),
         smallest_(smallest),
@@ -84,7 +85,10 @@ class SharedUnits {
   }
 
  private:
-  static uint64_t num_paths(const WorkUnit &u) { return uint64_t(u.x1 - u.x0) * (u.y1 - u.y0) * u.num_samples; }
+  static uint64_t num_paths(const WorkUnit &u)
+  {
+    return uint64_t(u.x1 - u.x0) * (u.y1 - u.y0) * u.num_samples;
+  }
 
   const std::span<const WorkUnit> units_;
   const uint64_t num_workers_, smallest_;

@@ -72,6 +72,8 @@ TEST_F(Arguments, NullPointers)
                  [&] { return gpurt_buffer_get_data(world.buffer, nullptr, &size); });
   expect_invalid("out_size_bytes is NULL", "get_data",
                  [&] { return gpurt_buffer_get_data(world.buffer, &data, nullptr); });
+  expect_invalid("data is NULL", "write", [&] { return gpurt_buffer_write(world.buffer, 0, nullptr, 1); });
+  expect_invalid("data is NULL", "read", [&] { return gpurt_buffer_read(world.buffer, 0, nullptr, 1); });
   expect_invalid("out_scene is NULL", "scene_create", [&] { return gpurt_scene_create(device, nullptr); });
   expect_invalid("path is NULL", "scene_load", [&] { return gpurt_scene_load(device, nullptr, &new_scene); });
   expect_invalid("out_scene is NULL", "scene_load",
@@ -138,7 +140,33 @@ TEST_F(Arguments, Devices)
     d.type = GPURT_DEVICE_AUTO;
     d.ordinal = 3;
   });
+  const uint32_t ordinals[] = {0, 0};
+  const auto with_ordinals = [&](auto &d, uint32_t count) {
+    d.ordinals = ordinals;
+    d.num_ordinals = count;
+  };
+  refuse_device(GPURT_ERROR_INVALID_ARGUMENT, "ordinals[1] is 0", [&](auto &d) { with_ordinals(d, 2); });
+  refuse_device(GPURT_ERROR_INVALID_ARGUMENT, "num_ordinals is 0", [&](auto &d) { with_ordinals(d, 0); });
+  refuse_device(GPURT_ERROR_INVALID_ARGUMENT, "num_ordinals is 4294967295",
+                [&](auto &d) { with_ordinals(d, UINT32_MAX); });
+  refuse_device(GPURT_ERROR_INVALID_ARGUMENT, "ordinals is NULL", [](auto &d) { d.num_ordinals = 2; });
+  refuse_device(GPURT_ERROR_INVALID_ARGUMENT, "ordinal is 3, but ordinals", [&](auto &d) {
+    with_ordinals(d, 1);
+    d.ordinal = 3;
+  });
+  refuse_device(GPURT_ERROR_INVALID_ARGUMENT, "type is GPURT_DEVICE_AUTO", [&](auto &d) {
+    with_ordinals(d, 1);
+    d.type = GPURT_DEVICE_AUTO;
+  });
+  refuse_device(GPURT_ERROR_INVALID_ARGUMENT, "reserved is 1", [](auto &d) { d.reserved = 1; });
   EXPECT_EQ(gpurt_device(out), nullptr) << "a failed call wrote its output";
+  {
+    gpurt_device_desc d = GPURT_DEVICE_DESC_INIT;
+    d.type = GPURT_DEVICE_CPU;
+    with_ordinals(d, 1);
+    Device one;
+    GPURT_EXPECT_OK(gpurt_device_create(&d, one.out()));
+  }
   if (!has_cuda()) {
     gpurt_device_desc d = GPURT_DEVICE_DESC_INIT;
     d.type = GPURT_DEVICE_CUDA;

@@ -469,6 +469,10 @@ TEST(CudaHeader, NeedsACudaDevice)
   const gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
   expect_failure(GPURT_ERROR_UNSUPPORTED, "gpurt_scene_trace", "cuda_trace",
                  [&] { return gpurt_cuda_trace(scene, &desc, nullptr, nullptr, nullptr); });
+  expect_failure(GPURT_ERROR_UNSUPPORTED, "no streams", "cuda_order",
+                 [&] { return gpurt_cuda_order(device, 0, nullptr, nullptr); });
+  expect_failure(GPURT_ERROR_UNSUPPORTED, "no streams", "cuda_wait",
+                 [&] { return gpurt_cuda_wait(device, 0, nullptr); });
 }
 
 }  // namespace

@@ -55,6 +55,8 @@ std::vector<Call<gpurt_device>> device_calls()
          gpurt_scene out;
          return gpurt_scene_load(h, "no such file.glb", &out);
        }},
+      {"gpurt_cuda_order", [](gpurt_device h) { return gpurt_cuda_order(h, 0, nullptr, nullptr); }},
+      {"gpurt_cuda_wait", [](gpurt_device h) { return gpurt_cuda_wait(h, 0, nullptr); }},
   };
 }
 
@@ -68,6 +70,16 @@ std::vector<Call<gpurt_buffer>> buffer_calls()
          void *data;
          uint64_t size;
          return gpurt_buffer_get_data(h, &data, &size);
+       }},
+      {"gpurt_buffer_write",
+       [](gpurt_buffer h) {
+         const char data = 1;
+         return gpurt_buffer_write(h, 0, &data, 1);
+       }},
+      {"gpurt_buffer_read",
+       [](gpurt_buffer h) {
+         char data;
+         return gpurt_buffer_read(h, 0, &data, 1);
        }},
   };
 }

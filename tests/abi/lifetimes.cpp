@@ -146,6 +146,32 @@ TEST(Buffers, OfGpurtAreZero)
   }
 }
 
+TEST(Buffers, AreWrittenAndReadInParts)
+{
+  const Device device = make_device();
+  for (const gpurt_storage storage : {GPURT_STORAGE_HOST, GPURT_STORAGE_DEVICE}) {
+    gpurt_buffer_desc desc = GPURT_BUFFER_DESC_INIT;
+    desc.size_bytes = 10;
+    desc.storage = storage;
+    Buffer buffer;
+    GPURT_ASSERT_OK(gpurt_buffer_create(device, &desc, buffer.out()));
+    char text[11] = {};
+    GPURT_EXPECT_OK(gpurt_buffer_write(buffer, 0, "0123456789", 10));
+    GPURT_EXPECT_OK(gpurt_buffer_write(buffer, 4, "abc", 3));
+    GPURT_EXPECT_OK(gpurt_buffer_read(buffer, 0, text, 10));
+    EXPECT_STREQ(text, "0123abc789");
+    GPURT_EXPECT_OK(gpurt_buffer_read(buffer, 8, text, 2));
+    EXPECT_STREQ(text, "8923abc789");
+    GPURT_EXPECT_OK(gpurt_buffer_read(buffer, 10, nullptr, 0));
+    GPURT_EXPECT_OK(gpurt_buffer_write(buffer, 0, nullptr, 0));
+    for (const auto &[offset, size] : {std::pair<uint64_t, uint64_t>{11, 0}, {8, 3}, {UINT64_MAX, 2}, {2, UINT64_MAX}}) {
+      expect_invalid("leave the buffer", "read", [&] { return gpurt_buffer_read(buffer, offset, text, size); });
+      expect_invalid("which has 10", "write", [&] { return gpurt_buffer_write(buffer, offset, text, size); });
+    }
+    EXPECT_STREQ(text, "8923abc789");
+  }
+}
+
 TEST(Buffers, GiveTheCallersMemoryBackOnce)
 {
   const Device device = make_device();

@@ -242,7 +242,8 @@ TEST(CudaStreams, AreOrderedByTheLibrary)
   ASSERT_EQ(cudaStreamCreateWithFlags(&copies, cudaStreamNonBlocking), cudaSuccess);
   ASSERT_EQ(cudaStreamCreateWithFlags(&queries, cudaStreamNonBlocking), cudaSuccess);
   for (int round = 0; round < 3; ++round) {
-    ASSERT_EQ(cudaMemcpyAsync(places[1], places[0], ray_bytes, cudaMemcpyDeviceToDevice, copies), cudaSuccess);
+    ASSERT_EQ(cudaMemcpyAsync(places[1], places[0], ray_bytes, cudaMemcpyDeviceToDevice, copies),
+              cudaSuccess);
     GPURT_ASSERT_OK(gpurt_cuda_order(f.device, 0, queries, copies));
     gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
     desc.storage = GPURT_STORAGE_DEVICE;
@@ -279,11 +280,12 @@ TEST(CudaPointers, AreMemoryOfMeshes)
   const uint64_t vertex_bytes = mesh.vertices.size() * sizeof mesh.vertices[0],
                  index_bytes = mesh.triangles.size() * sizeof mesh.triangles[0], offset = 12;
   const DeviceBytes vertices(vertex_bytes + offset), indices(index_bytes);
-  ASSERT_EQ(cudaMemcpyAsync(vertices.data() + offset, mesh.vertices.data(), vertex_bytes, cudaMemcpyHostToDevice,
-                            nullptr),
+  ASSERT_EQ(cudaMemcpyAsync(vertices.data() + offset, mesh.vertices.data(), vertex_bytes,
+                            cudaMemcpyHostToDevice, nullptr),
             cudaSuccess);
-  ASSERT_EQ(cudaMemcpyAsync(indices.data(), mesh.triangles.data(), index_bytes, cudaMemcpyHostToDevice, nullptr),
-            cudaSuccess);
+  ASSERT_EQ(
+      cudaMemcpyAsync(indices.data(), mesh.triangles.data(), index_bytes, cudaMemcpyHostToDevice, nullptr),
+      cudaSuccess);
   static int num_released;
   num_released = 0;
   const auto wrap = [&](void *data, uint64_t size) {
@@ -339,9 +341,11 @@ TEST(CudaPair, TracesRaysWhereTheyAre)
   commit(pair.scene);
   for (int ordinal : {0, 1}) {
     ASSERT_EQ(cudaSetDevice(ordinal), cudaSuccess);
-    EXPECT_TRUE(same(trace_in_device_memory<gpurt_hit>(pair, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, 0), closest));
+    EXPECT_TRUE(
+        same(trace_in_device_memory<gpurt_hit>(pair, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, 0), closest));
     const DeviceBytes rays(pair.rays.size() * sizeof(gpurt_ray)), hits(pair.rays.size() * sizeof(gpurt_hit));
-    ASSERT_EQ(cudaMemcpy(rays.data(), pair.rays.data(), pair.rays.size() * sizeof(gpurt_ray), cudaMemcpyHostToDevice),
+    ASSERT_EQ(cudaMemcpy(rays.data(), pair.rays.data(), pair.rays.size() * sizeof(gpurt_ray),
+                         cudaMemcpyHostToDevice),
               cudaSuccess);
     gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
     desc.storage = GPURT_STORAGE_DEVICE;

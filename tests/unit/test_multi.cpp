@@ -38,7 +38,8 @@ class FakeBackend : public Backend {
   }
   const DeviceInfo &info() const override { return info_; }
   const std::shared_ptr<MemoryTracker> &memory() const override { return memory_; }
-  std::shared_ptr<const CommittedScene> commit(std::shared_ptr<const CompiledScene>, const BuildOptions &) override
+  std::shared_ptr<const CommittedScene> commit(std::shared_ptr<const CompiledScene>,
+                                               const BuildOptions &) override
   {
     if (!scene_) fail(GPURT_ERROR_OUT_OF_MEMORY, "no room");
     return scene_;

@@ -73,8 +73,9 @@ std::vector<uint32_t> cuda_ordinals(const std::string &text)
   for (size_t first = 5; first <= text.size();) {
     const size_t end = std::min(text.find(',', first), text.size());
     const std::string number = text.substr(first, end - first);
-    const bool is_number = !number.empty() && number.size() < 7 &&
-                           std::all_of(number.begin(), number.end(), [](unsigned char c) { return std::isdigit(c); });
+    const bool is_number =
+        !number.empty() && number.size() < 7 &&
+        std::all_of(number.begin(), number.end(), [](unsigned char c) { return std::isdigit(c); });
     if (!is_number) return {};
     ordinals.push_back(uint32_t(std::stoul(number)));
     first = end + 1;
@@ -97,9 +98,10 @@ void DeviceOptions::add_to(CLI::App &command)
     return is_known ? std::string() : "is none of auto, cpu, cuda, cuda:N and cuda:N,N,...";
   };
   command
-      .add_option("--device", device,
-                  "auto (a CUDA device that works, else the CPU), cpu, cuda, cuda:N, or several that share the work: "
-                  "cuda:0,1")
+      .add_option(
+          "--device", device,
+          "auto (a CUDA device that works, else the CPU), cpu, cuda, cuda:N, or several that share the work: "
+          "cuda:0,1")
       ->check(CLI::Validator(check_device, "DEVICE"))
       ->type_name("DEVICE")
       ->capture_default_str();

@@ -10,8 +10,8 @@ namespace {
 void drop_owner(void *user, void *) { drop_object(static_cast<PyObject *>(user)); }
 
 // data 0: memory of the library. Otherwise `owner` is kept until the last reader of the memory has gone.
-std::unique_ptr<Buffer> create(const Device &device, bool in_device_memory, uint64_t size_bytes, std::uintptr_t data,
-                               const py::object &owner)
+std::unique_ptr<Buffer> create(const Device &device, bool in_device_memory, uint64_t size_bytes,
+                               std::uintptr_t data, const py::object &owner)
 {
   auto buffer = std::make_unique<Buffer>();
   gpurt_buffer_desc desc = GPURT_BUFFER_DESC_INIT;
@@ -58,8 +58,8 @@ gpurt_array buffer_array(const py::tuple &rows, const char *name)
 void bind_buffer(py::module_ &module)
 {
   py::class_<Buffer>(module, "Buffer")
-      .def(py::init(&create), py::arg("device"), py::arg("in_device_memory"), py::arg("size_bytes"), py::arg("data"),
-           py::arg("owner"))
+      .def(py::init(&create), py::arg("device"), py::arg("in_device_memory"), py::arg("size_bytes"),
+           py::arg("data"), py::arg("owner"))
       .def("data", get_data)
       .def("read", read, py::arg("offset_bytes"), py::arg("size_bytes"));
 }

@@ -45,7 +45,8 @@ void free_capsule(PyObject *capsule, const char *unused_name)
 }
 
 template <class M>
-py::capsule make_capsule(std::unique_ptr<M> managed, const char *capsule_name, PyCapsule_Destructor destructor)
+py::capsule make_capsule(std::unique_ptr<M> managed, const char *capsule_name,
+                         PyCapsule_Destructor destructor)
 {
   PyObject *capsule = PyCapsule_New(managed.get(), capsule_name, destructor);
   if (!capsule) {
@@ -72,7 +73,8 @@ BorrowedTensor::BorrowedTensor(const py::capsule &capsule)
   if (PyCapsule_IsValid(object, versioned_name)) {
     auto *managed = static_cast<dlpack::ManagedVersioned *>(PyCapsule_GetPointer(object, versioned_name));
     if (managed->major != dlpack::major_version) {
-      raise_buffer_error("DLPack of version " + std::to_string(managed->major) + "; versions 0 and 1 are known");
+      raise_buffer_error("DLPack of version " + std::to_string(managed->major) +
+                         "; versions 0 and 1 are known");
     }
     if (PyCapsule_SetName(object, used_versioned_name) != 0) throw py::error_already_set();
     versioned_ = managed;
@@ -84,7 +86,8 @@ BorrowedTensor::BorrowedTensor(const py::capsule &capsule)
     managed_ = managed;
     tensor_ = &managed->tensor;
   } else {
-    raise_buffer_error("__dlpack__ returned a capsule that holds no tensor, or whose tensor was taken before");
+    raise_buffer_error(
+        "__dlpack__ returned a capsule that holds no tensor, or whose tensor was taken before");
   }
 }
 
@@ -110,8 +113,9 @@ py::object BorrowedTensor::strides() const
   return to_tuple(tensor_->strides, tensor_->ndim);
 }
 
-py::capsule lend_tensor(const py::object &owner, std::uintptr_t data, const std::vector<int64_t> &shape, uint8_t dtype_code,
-                        uint8_t dtype_bits, int32_t device_type, int32_t device_id, bool versioned)
+py::capsule lend_tensor(const py::object &owner, std::uintptr_t data, const std::vector<int64_t> &shape,
+                        uint8_t dtype_code, uint8_t dtype_bits, int32_t device_type, int32_t device_id,
+                        bool versioned)
 {
   auto lent = std::make_unique<Lent>(Lent{owner.ptr(), shape, std::vector<int64_t>(shape.size(), 1)});
   for (std::size_t i = shape.size(); i-- > 1;) lent->strides[i - 1] = lent->strides[i] * shape[i];
@@ -124,7 +128,12 @@ py::capsule lend_tensor(const py::object &owner, std::uintptr_t data, const std:
                                  0};
   if (versioned) {
     auto managed = std::make_unique<dlpack::ManagedVersioned>();
-    *managed = {dlpack::major_version, dlpack::minor_version, lent.get(), end_loan<dlpack::ManagedVersioned>, 0, tensor};
+    *managed = {dlpack::major_version,
+                dlpack::minor_version,
+                lent.get(),
+                end_loan<dlpack::ManagedVersioned>,
+                0,
+                tensor};
     py::object(owner).release();  // the loan holds it
     lent.release();
     return make_capsule(std::move(managed), versioned_name, [](PyObject *capsule) {
@@ -149,8 +158,9 @@ void bind_dlpack(py::module_ &module)
       .def("shape", &BorrowedTensor::shape)
       .def("strides", &BorrowedTensor::strides)
       .def("read_only", &BorrowedTensor::read_only);
-  module.def("lend_tensor", lend_tensor, py::arg("owner"), py::arg("data"), py::arg("shape"), py::arg("dtype_code"),
-             py::arg("dtype_bits"), py::arg("device_type"), py::arg("device_id"), py::arg("versioned"));
+  module.def("lend_tensor", lend_tensor, py::arg("owner"), py::arg("data"), py::arg("shape"),
+             py::arg("dtype_code"), py::arg("dtype_bits"), py::arg("device_type"), py::arg("device_id"),
+             py::arg("versioned"));
 }
 
 }  // namespace gpurt_python

@@ -75,8 +75,9 @@ class BorrowedTensor {
 };
 
 /// A capsule of packed memory for another library, which keeps `owner` alive until it is done.
-py::capsule lend_tensor(const py::object &owner, std::uintptr_t data, const std::vector<int64_t> &shape, uint8_t dtype_code,
-                        uint8_t dtype_bits, int32_t device_type, int32_t device_id, bool versioned);
+py::capsule lend_tensor(const py::object &owner, std::uintptr_t data, const std::vector<int64_t> &shape,
+                        uint8_t dtype_code, uint8_t dtype_bits, int32_t device_type, int32_t device_id,
+                        bool versioned);
 
 void bind_dlpack(py::module_ &module);
 

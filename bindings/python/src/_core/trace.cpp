@@ -28,9 +28,9 @@ void trace(const Scene &scene, int query, int format, const py::array &rays, con
 
 // The same with addresses, of host or device memory, which the caller has checked. A stream, which None is not: the work
 // is queued there and not waited for.
-void trace_memory(const Scene &scene, int query, int format, bool in_device_memory, uint64_t num_rays, std::uintptr_t rays,
-                  std::uintptr_t hits, uint64_t hit_capacity, std::uintptr_t occluded, std::uintptr_t offsets,
-                  const py::object &stream)
+void trace_memory(const Scene &scene, int query, int format, bool in_device_memory, uint64_t num_rays,
+                  std::uintptr_t rays, std::uintptr_t hits, uint64_t hit_capacity, std::uintptr_t occluded,
+                  std::uintptr_t offsets, const py::object &stream)
 {
   gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
   desc.query = static_cast<gpurt_query>(query);
@@ -57,8 +57,8 @@ void bind_trace(py::class_<Scene> &scene)
   scene.def("trace", trace, py::arg("query"), py::arg("format"), py::arg("rays"), py::arg("hits"),
             py::arg("occluded"), py::arg("offsets"));
   scene.def("trace_memory", trace_memory, py::arg("query"), py::arg("format"), py::arg("in_device_memory"),
-            py::arg("num_rays"), py::arg("rays"), py::arg("hits"), py::arg("hit_capacity"), py::arg("occluded"),
-            py::arg("offsets"), py::arg("stream"));
+            py::arg("num_rays"), py::arg("rays"), py::arg("hits"), py::arg("hit_capacity"),
+            py::arg("occluded"), py::arg("offsets"), py::arg("stream"));
 }
 
 }  // namespace gpurt_python

@@ -6,7 +6,7 @@ use std::mem::size_of_val;
 use std::ptr;
 
 use crate::callback::call;
-use crate::{sys, Device, Result};
+use crate::{sys, Device, DeviceBuffer, Pod, Result};
 
 mod sealed {
     pub trait Sealed {}
@@ -107,8 +107,8 @@ impl<T: Element> fmt::Debug for Buffer<T> {
     }
 }
 
-/// Elements for the library to read: a slice, which it copies during the call, or a [`Buffer`], which it
-/// shares.
+/// Elements for the library to read: a slice or a [`DeviceBuffer`], which it copies during the call, or a
+/// [`Buffer`], which it shares.
 #[derive(Clone, Copy)]
 pub struct Array<'a, T: Element> {
     pub(crate) raw: sys::gpurt_array,
@@ -140,6 +140,14 @@ impl<'a, T: Element> From<&'a Vec<T>> for Array<'a, T> {
 impl<'a, T: Element, const N: usize> From<&'a [T; N]> for Array<'a, T> {
     fn from(array: &'a [T; N]) -> Self {
         array.as_slice().into()
+    }
+}
+
+impl<'a, T: Element + Pod> From<&'a DeviceBuffer<T>> for Array<'a, T> {
+    fn from(buffer: &'a DeviceBuffer<T>) -> Self {
+        let raw =
+            sys::gpurt_array { buffer: buffer.as_raw(), count: buffer.len() as u64, ..Default::default() };
+        Array { raw, source: PhantomData }
     }
 }
 

@@ -55,8 +55,28 @@ impl Registration {
     }
 }
 
-/// The closures that the library may call while a handle is held. Children hold their parents' too.
-pub(crate) type Callbacks = Vec<Arc<Registration>>;
+/// What an object has from its device: the closures that the library may call while a handle is held, and which device
+/// it is. Children hold their parents' too.
+#[derive(Clone, Default)]
+pub(crate) struct Callbacks {
+    closures: Vec<Arc<Registration>>,
+    device: usize, // the value of its handle, which names no other device as long as this one is held
+}
+
+impl Callbacks {
+    pub(crate) fn push(&mut self, closure: Arc<Registration>) {
+        self.closures.push(closure);
+    }
+
+    pub(crate) fn set_device(&mut self, device: crate::sys::gpurt_device) {
+        self.device = device as usize;
+    }
+
+    /// Whether both belong to one device.
+    pub(crate) fn share_device(&self, other: &Callbacks) -> bool {
+        self.device == other.device
+    }
+}
 
 impl Drop for Registration {
     fn drop(&mut self) {

@@ -3,7 +3,7 @@ use std::fmt;
 use std::ptr;
 use std::sync::Arc;
 
-use crate::callback::{self, call, Closure, LogFn, Registration};
+use crate::callback::{self, call, Callbacks, Closure, LogFn, Registration};
 use crate::macros::text;
 use crate::{sys, DeviceType, LogLevel, Result};
 
@@ -17,7 +17,7 @@ handle! {
 #[must_use]
 pub struct DeviceDesc {
     kind: DeviceType,
-    ordinal: u32,
+    ordinals: Vec<u32>,
     num_threads: u32,
     memory_limit_bytes: u64,
     log: Option<LogFn>,
@@ -26,12 +26,19 @@ pub struct DeviceDesc {
 impl DeviceDesc {
     /// Describes a device of the given kind.
     pub fn new(kind: DeviceType) -> Self {
-        DeviceDesc { kind, ordinal: 0, num_threads: 0, memory_limit_bytes: 0, log: None }
+        DeviceDesc { kind, ordinals: Vec::new(), num_threads: 0, memory_limit_bytes: 0, log: None }
     }
 
     /// Which CUDA device; 0 is the first.
     pub fn ordinal(mut self, ordinal: u32) -> Self {
-        self.ordinal = ordinal;
+        self.ordinals = vec![ordinal];
+        self
+    }
+
+    /// Several CUDA devices that work as one: a scene is built on each of them, and they share the work of every frame
+    /// and of rays in host memory. The results have the bits of one device.
+    pub fn ordinals(mut self, ordinals: &[u32]) -> Self {
+        self.ordinals = ordinals.to_vec();
         self
     }
 
@@ -41,7 +48,7 @@ impl DeviceDesc {
         self
     }
 
-    /// Memory of all scenes, frames and working memory of the device; 0: no limit.
+    /// Memory of all scenes, frames and working memory of each device; 0: no limit.
     pub fn memory_limit(mut self, bytes: u64) -> Self {
         self.memory_limit_bytes = bytes;
         self
@@ -61,12 +68,19 @@ impl DeviceDesc {
     pub fn create(&self) -> Result<Device> {
         let mut desc = sys::gpurt_device_desc {
             type_: self.kind as u32,
-            ordinal: self.ordinal,
             num_threads: self.num_threads,
             memory_limit_bytes: self.memory_limit_bytes,
             ..Default::default()
         };
-        let mut callbacks = Vec::new();
+        match self.ordinals[..] {
+            [] => {}
+            [ordinal] => desc.ordinal = ordinal, // also where the library would refuse a list
+            _ => {
+                desc.ordinals = self.ordinals.as_ptr();
+                desc.num_ordinals = self.ordinals.len() as u32;
+            }
+        }
+        let mut callbacks = Callbacks::default();
         if let Some(log) = &self.log {
             let registration = Registration::new(Closure::Log(log.clone()));
             desc.log = Some(callback::log);
@@ -76,6 +90,7 @@ impl DeviceDesc {
         let mut device = ptr::null_mut();
         // SAFETY: the descriptor and the output live during the call.
         call(|| unsafe { sys::gpurt_device_create(&desc, &mut device) })?;
+        callbacks.set_device(device);
         Ok(Device::own(device, callbacks))
     }
 }
@@ -90,7 +105,7 @@ impl fmt::Debug for DeviceDesc {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("DeviceDesc")
             .field("kind", &self.kind)
-            .field("ordinal", &self.ordinal)
+            .field("ordinals", &self.ordinals)
             .field("num_threads", &self.num_threads)
             .field("memory_limit_bytes", &self.memory_limit_bytes)
             .field("log", &self.log.is_some())
@@ -114,6 +129,11 @@ impl Device {
         DeviceDesc::new(DeviceType::Cuda).ordinal(ordinal).create()
     }
 
+    /// Several CUDA devices that work as one; see [`DeviceDesc::ordinals`].
+    pub fn cuda_several(ordinals: &[u32]) -> Result<Self> {
+        DeviceDesc::new(DeviceType::Cuda).ordinals(ordinals).create()
+    }
+
     /// Lists the devices of this machine: the CPU first, then CUDA devices by ordinal.
     pub fn enumerate() -> Result<Vec<DeviceProperties>> {
         let mut count = 0;
@@ -133,7 +153,7 @@ impl Device {
         DeviceProperties::from_raw(&raw)
     }
 
-    pub(crate) fn callbacks(&self) -> &callback::Callbacks {
+    pub(crate) fn callbacks(&self) -> &Callbacks {
         &self.callbacks
     }
 }

@@ -5,7 +5,7 @@ use std::ops::Index;
 use std::ptr;
 
 use crate::callback::call;
-use crate::{sys, Error, Result, Scene, INVALID_ID};
+use crate::{sys, DeviceBuffer, Error, Pod, Result, Scene, INVALID_ID};
 
 /// A ray. One with a zero or non-finite direction, a non-finite origin or `tmin > tmax` misses.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -156,6 +156,120 @@ fn expect_len(what: &str, len: usize, expected: usize) -> Result<()> {
 }
 
 impl Scene {
+    /// The rest of `desc` is that of a query on device memory; its arrays have the sizes that the query needs.
+    fn trace_on_device(&self, rays: &DeviceBuffer<Ray>, desc: sys::gpurt_trace_desc) -> Result<()> {
+        self.expect_device("rays", rays)?;
+        let desc = sys::gpurt_trace_desc {
+            storage: sys::GPURT_STORAGE_DEVICE,
+            num_rays: rays.len() as u64,
+            rays: rays.as_device_ptr() as *const sys::gpurt_ray,
+            ..desc
+        };
+        // SAFETY: the handle is valid; all buffers are of the scene's device, have the sizes that the query reads
+        // and writes, and are borrowed until it is done.
+        call(|| unsafe { sys::gpurt_scene_trace(self.as_raw(), &desc) })
+    }
+
+    fn expect_device<T: Pod>(&self, name: &str, buffer: &DeviceBuffer<T>) -> Result<()> {
+        if buffer.callbacks().share_device(self.callbacks()) {
+            return Ok(());
+        }
+        Err(Error::InvalidArgument(format!("{} belongs to another device than the scene; make it there", name)))
+    }
+
+    /// As [`closest_into`](Scene::closest_into), with rays and hits in device memory.
+    pub fn closest_on_device<H: HitRecord + Pod>(
+        &self,
+        rays: &DeviceBuffer<Ray>,
+        hits: &mut DeviceBuffer<H>,
+    ) -> Result<()> {
+        self.expect_device("hits", hits)?;
+        expect_len("hits", hits.len(), rays.len())?;
+        let desc = sys::gpurt_trace_desc {
+            query: sys::GPURT_QUERY_CLOSEST,
+            format: H::FORMAT,
+            hits: hits.as_device_ptr() as *mut c_void,
+            ..Default::default()
+        };
+        self.trace_on_device(rays, desc)
+    }
+
+    /// As [`occluded_into`](Scene::occluded_into), with rays and results in device memory.
+    pub fn occluded_on_device(
+        &self,
+        rays: &DeviceBuffer<Ray>,
+        occluded: &mut DeviceBuffer<u8>,
+    ) -> Result<()> {
+        self.expect_device("occluded", occluded)?;
+        expect_len("occluded", occluded.len(), rays.len())?;
+        let desc = sys::gpurt_trace_desc {
+            query: sys::GPURT_QUERY_ANY,
+            occluded: occluded.as_device_ptr(),
+            ..Default::default()
+        };
+        self.trace_on_device(rays, desc)
+    }
+
+    /// As [`all_into`](Scene::all_into), with rays, hits and offsets in device memory; without hits, as
+    /// [`count_into`](Scene::count_into).
+    pub fn all_on_device<H: HitRecord + Pod>(
+        &self,
+        rays: &DeviceBuffer<Ray>,
+        hits: Option<&mut DeviceBuffer<H>>,
+        offsets: &mut DeviceBuffer<u64>,
+    ) -> Result<u64> {
+        self.expect_device("offsets", offsets)?;
+        expect_len("offsets", offsets.len(), rays.len() + 1)?;
+        let (hits, hit_capacity) = match hits {
+            Some(hits) => {
+                self.expect_device("hits", hits)?;
+                (hits.as_device_ptr() as *mut c_void, hits.len() as u64)
+            }
+            None => (ptr::null_mut(), 0),
+        };
+        let desc = sys::gpurt_trace_desc {
+            query: sys::GPURT_QUERY_ALL,
+            format: H::FORMAT,
+            hits,
+            hit_capacity,
+            offsets: offsets.as_device_ptr(),
+            ..Default::default()
+        };
+        self.trace_on_device(rays, desc)?;
+        let mut last = [0];
+        offsets.download_into(rays.len(), &mut last)?;
+        Ok(last[0])
+    }
+
+    /// Traces arrays that are given by their addresses, as [`sys::gpurt_scene_trace`] does.
+    ///
+    /// # Safety
+    ///
+    /// The descriptor's pointers must be valid for what the query reads and writes, in the memory that its storage
+    /// names, on the scene's device, and nothing else may use what is written until the call returns.
+    pub unsafe fn trace_raw(&self, desc: &sys::gpurt_trace_desc) -> Result<()> {
+        // SAFETY: the caller's promise.
+        call(|| unsafe { sys::gpurt_scene_trace(self.as_raw(), desc) })
+    }
+
+    /// Queues a query on a CUDA stream and returns before it is done, as [`sys::gpurt_cuda_trace`] does. `stream` is a
+    /// `cudaStream_t` or `CUstream`, null the default stream; the events may be null.
+    ///
+    /// # Safety
+    ///
+    /// As for [`trace_raw`](Scene::trace_raw), with device memory, until the work on the stream is done. Scene and commit
+    /// must live as long. The stream and the events belong to the scene's device.
+    pub unsafe fn trace_on_stream(
+        &self,
+        desc: &sys::gpurt_trace_desc,
+        stream: *mut c_void,
+        wait_event: *mut c_void,
+        done_event: *mut c_void,
+    ) -> Result<()> {
+        // SAFETY: the caller's promise.
+        call(|| unsafe { sys::gpurt_cuda_trace(self.as_raw(), desc, stream, wait_event, done_event) })
+    }
+
     fn trace(&self, rays: &[Ray], desc: sys::gpurt_trace_desc) -> Result<()> {
         let desc = sys::gpurt_trace_desc {
             storage: sys::GPURT_STORAGE_HOST,

@@ -1,6 +1,7 @@
 //! The safe API against the library.
 
 mod bits;
+mod device_memory;
 mod errors;
 mod objects;
 mod render;
