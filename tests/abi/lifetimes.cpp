@@ -164,8 +164,10 @@ TEST(Buffers, AreWrittenAndReadInParts)
     EXPECT_STREQ(text, "8923abc789");
     GPURT_EXPECT_OK(gpurt_buffer_read(buffer, 10, nullptr, 0));
     GPURT_EXPECT_OK(gpurt_buffer_write(buffer, 0, nullptr, 0));
-    for (const auto &[offset, size] : {std::pair<uint64_t, uint64_t>{11, 0}, {8, 3}, {UINT64_MAX, 2}, {2, UINT64_MAX}}) {
-      expect_invalid("leave the buffer", "read", [&] { return gpurt_buffer_read(buffer, offset, text, size); });
+    for (const auto &[offset, size] :
+         {std::pair<uint64_t, uint64_t>{11, 0}, {8, 3}, {UINT64_MAX, 2}, {2, UINT64_MAX}}) {
+      expect_invalid("leave the buffer", "read",
+                     [&] { return gpurt_buffer_read(buffer, offset, text, size); });
       expect_invalid("which has 10", "write", [&] { return gpurt_buffer_write(buffer, offset, text, size); });
     }
     EXPECT_STREQ(text, "8923abc789");
