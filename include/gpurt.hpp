@@ -82,6 +82,15 @@ class Buffer : public Handle<gpurt_buffer, gpurt_buffer_retain, gpurt_buffer_rel
 
   void *data() const { return place().first; }
   uint64_t size_bytes() const { return place().second; }
+  /// Copies host memory into part of the buffer, or the other way round.
+  void write(const void *data, uint64_t size_bytes, uint64_t offset_bytes = 0) const
+  {
+    check(gpurt_buffer_write(get(), offset_bytes, data, size_bytes));
+  }
+  void read(void *data, uint64_t size_bytes, uint64_t offset_bytes = 0) const
+  {
+    check(gpurt_buffer_read(get(), offset_bytes, data, size_bytes));
+  }
   /// `count` elements of T in this buffer, for a descriptor that is used while this object lives.
   template <class T>
   gpurt_array array(uint64_t count, uint64_t offset_bytes = 0,
@@ -383,6 +392,8 @@ class Device : public Handle<gpurt_device, gpurt_device_retain, gpurt_device_rel
   explicit Device(gpurt_device owned) noexcept : Handle(owned) {}
   explicit Device(const gpurt_device_desc &desc) : Handle(create(desc)) {}
   explicit Device(gpurt_device_type type, uint32_t ordinal = 0) : Handle(create(type, ordinal)) {}
+  /// Several CUDA devices that work as one.
+  Device(gpurt_device_type type, const std::vector<uint32_t> &ordinals) : Handle(create(type, ordinals)) {}
 
   /// The CPU first, then CUDA devices by ordinal.
   static std::vector<gpurt_device_properties> enumerate()
@@ -459,6 +470,14 @@ class Device : public Handle<gpurt_device, gpurt_device_retain, gpurt_device_rel
     gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
     desc.type = type;
     desc.ordinal = ordinal;
+    return create(desc);
+  }
+  static gpurt_device create(gpurt_device_type type, const std::vector<uint32_t> &ordinals)
+  {
+    gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
+    desc.type = type;
+    desc.ordinals = ordinals.data();
+    desc.num_ordinals = static_cast<uint32_t>(ordinals.size());
     return create(desc);
   }
 };

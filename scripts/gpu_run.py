@@ -32,6 +32,11 @@ SANITIZED = {
     "cuda/cuda_device": "CudaDevice.*:CudaMemory.RunsOutAtTheLimit*:CudaMemory.OfLittle*:CudaMemory.IsGivenBack:CudaThreads.*",
     "cuda/cuda_device_memory": "*Cuda*",
 }
+# Races are looked for, at some fifty times the run time, where threads of a block share memory.
+RACE_CHECKED = {
+    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*",
+    "cuda/cuda_images": "CudaImages.OfACornellBox*:CudaImages.AreTheSameInLittleMemory",
+}
 
 
 class Run:
@@ -218,7 +223,8 @@ def stage_sanitizer(run, about, args):
         return
     results = []
     for tool in args.sanitizer_tools.split(","):
-        for name, test_filter in SANITIZED.items():
+        programs = RACE_CHECKED if tool in ("racecheck", "synccheck") else SANITIZED
+        for name, test_filter in programs.items():
             program = TREE / "tests" / name
             status, text, seconds = run.command(
                 [sanitizer, "--tool", tool, "--error-exitcode", "97", program, f"--gtest_filter={test_filter}"],
@@ -257,7 +263,8 @@ def main():
     parser.add_argument("--filter", default=CUDA_FILTER, help="GoogleTest filter of the tests (default: %(default)s)")
     parser.add_argument("--scenes", help="folder of the reference scenes")
     parser.add_argument("--spp", type=int, default=4096, help="samples of a reference image (default: %(default)s)")
-    parser.add_argument("--sanitizer-tools", default="memcheck", help="of memcheck, racecheck, initcheck, synccheck")
+    parser.add_argument("--sanitizer-tools", default="memcheck,initcheck,racecheck",
+                        help="of memcheck, racecheck, initcheck, synccheck (default: %(default)s)")
     parser.add_argument("--bench-args", default="", help="options for the benchmark programs, separated by spaces")
     parser.add_argument("--timeout", type=float, default=240, help="seconds for one program (default: %(default)s)")
     parser.add_argument("--budget", type=float, default=86400, help="seconds for everything")

@@ -113,4 +113,18 @@ TEST(Wrapper, VectorsAreSharedAsBuffers)
   EXPECT_THROW(device.buffer(std::vector<int>()), gpurt::Error);
 }
 
+TEST(Wrapper, DevicesAreNamedByNumber)
+{
+  const gpurt::Device device(GPURT_DEVICE_CPU, std::vector<uint32_t>{0});
+  EXPECT_EQ(device.properties().type, GPURT_DEVICE_CPU);
+  EXPECT_THROW(gpurt::Device(GPURT_DEVICE_CPU, {0, 0}), gpurt::Error);
+  const gpurt::Buffer buffer = device.buffer(8, GPURT_STORAGE_DEVICE);
+  const float values[2] = {1, 2};
+  float second = 0;
+  buffer.write(values, sizeof values);
+  buffer.read(&second, sizeof second, 4);
+  EXPECT_EQ(second, 2.0f);
+  EXPECT_THROW(buffer.read(&second, 4, 5), gpurt::Error);
+}
+
 }  // namespace
