@@ -581,6 +581,101 @@ GPURT_API gpurt_result gpurt_scene_export_tree(gpurt_scene scene, gpurt_kdtree *
  */
 GPURT_API gpurt_result gpurt_scene_import_tree(gpurt_scene scene, const gpurt_kdtree *tree);
 
+/* ---- Schedules ---------------------------------------------------------- */
+
+/* How a CUDA device goes about its work. 0 everywhere: the library's choice, which is what measures best. Every schedule
+ * gives the same hits and images, bit for bit. docs/schedules.md says what each does and what it measures. */
+
+typedef enum gpurt_traversal {
+  GPURT_TRAVERSAL_AUTO = 0,
+  GPURT_TRAVERSAL_STACK = 1, /* one kernel: descend to a leaf, test its triangles, resume from the stack */
+  GPURT_TRAVERSAL_LEAF_LISTS =
+      2, /* kdtree: one kernel selects up to eight leaves of each ray, another tests them; in turn */
+  GPURT_TRAVERSAL_UBER =
+      3, /* one kernel whose warps switch by vote: queries (kdtree) between leaves and triangles, renders
+            between the stages of whole paths */
+  GPURT_TRAVERSAL_FORCE32 = 0x7fffffff
+} gpurt_traversal;
+
+typedef enum gpurt_launch {
+  GPURT_LAUNCH_AUTO = 0,
+  GPURT_LAUNCH_REGULAR = 1,    /* a thread for every ray */
+  GPURT_LAUNCH_PERSISTENT = 2, /* as many threads as the device holds, which draw rays from a pool */
+  GPURT_LAUNCH_FORCE32 = 0x7fffffff
+} gpurt_launch;
+
+typedef enum gpurt_fetch {
+  GPURT_FETCH_AUTO = 0,
+  GPURT_FETCH_PER_THREAD = 1, /* every thread loads the triangles that it tests */
+  GPURT_FETCH_PACKETS = 2,    /* kdtree: a warp's rays traverse together and share triangles in shared memory */
+  GPURT_FETCH_FORCE32 = 0x7fffffff
+} gpurt_fetch;
+
+/* How the rays that are there are moved together. Renders alone. */
+typedef enum gpurt_compaction {
+  GPURT_COMPACTION_AUTO = 0,
+  GPURT_COMPACTION_BLOCK_SCAN = 1, /* counts of blocks of rays, and a scan over these */
+  GPURT_COMPACTION_PYRAMID = 2,    /* histogram pyramid */
+  GPURT_COMPACTION_NAIVE_SCAN = 3, /* the scan of n log n additions */
+  GPURT_COMPACTION_LIBRARY_SCAN = 4,
+  GPURT_COMPACTION_FORCE32 = 0x7fffffff
+} gpurt_compaction;
+
+/* In which order hits are shaded. Renders alone. */
+typedef enum gpurt_shading {
+  GPURT_SHADING_AUTO = 0,
+  GPURT_SHADING_IMMEDIATE = 1, /* as the rays lie */
+  GPURT_SHADING_SORTED = 2,    /* deferred until the hits are sorted by material */
+  GPURT_SHADING_FORCE32 = 0x7fffffff
+} gpurt_shading;
+
+/* How shading makes rays. Renders alone. */
+typedef enum gpurt_generation {
+  GPURT_GENERATION_AUTO = 0,
+  GPURT_GENERATION_SLOTS = 1, /* each hit has a slot for every ray it may make; empty ones are removed */
+  GPURT_GENERATION_COUNTED =
+      2, /* rays are counted first, the count is checked against ray_budget, then exactly these are made */
+  GPURT_GENERATION_FORCE32 = 0x7fffffff
+} gpurt_generation;
+
+typedef struct gpurt_schedule {
+  gpurt_traversal traversal;
+  gpurt_launch launch;
+  gpurt_fetch fetch;
+  gpurt_compaction compaction;
+  gpurt_shading shading;
+  gpurt_generation generation;
+  uint32_t reserved[2]; /* 0 */
+  uint64_t ray_budget;  /* COUNTED: rays that may be made at once; a wave that wants more splits; 0: what its
+                           memory holds; else at least 2 */
+} gpurt_schedule;
+#define GPURT_SCHEDULE_INIT \
+  {GPURT_TRAVERSAL_AUTO, \
+   GPURT_LAUNCH_AUTO, \
+   GPURT_FETCH_AUTO, \
+   GPURT_COMPACTION_AUTO, \
+   GPURT_SHADING_AUTO, \
+   GPURT_GENERATION_AUTO, \
+   {0, 0}, \
+   0}
+
+/** What schedules did. */
+typedef struct gpurt_schedule_counters {
+  uint64_t ray_refills;      /* PERSISTENT: times that a warp drew rays from the pool */
+  uint64_t list_rounds;      /* LEAF_LISTS: times that both kernels ran */
+  uint64_t list_overflows;   /* LEAF_LISTS and UBER: lists that were full with leaves left to select */
+  uint64_t mode_switches;    /* UBER: times that a warp turned to other work */
+  uint64_t packets;          /* PACKETS: warps of rays that traversed together */
+  uint64_t shared_triangles; /* PACKETS: triangles that a packet loaded once for all of its rays */
+  uint64_t compactions;      /* PYRAMID, NAIVE_SCAN and LIBRARY_SCAN: queues that were compacted */
+  uint64_t sorted_hits;      /* SORTED: hits that were sorted by material */
+  uint64_t counted_rays;     /* COUNTED: rays that were counted, and then made */
+  uint64_t wave_splits;      /* COUNTED: times that a count was over the budget, so that a wave split */
+  uint64_t device_ns;        /* queries: time on the device, without copies */
+  uint64_t reserved[5];      /* 0 */
+} gpurt_schedule_counters;
+#define GPURT_SCHEDULE_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0, 0, 0}}
+
 /* ---- Ray queries -------------------------------------------------------- */
 
 typedef struct gpurt_ray {
@@ -629,6 +724,9 @@ typedef struct gpurt_trace_desc {
   uint8_t *occluded;     /* ANY: [num_rays]; else NULL */
   uint64_t *offsets;     /* ALL: [num_rays + 1]; ray i has hits offsets[i] .. offsets[i + 1]; else NULL */
   uint64_t hit_capacity; /* ALL: elements that hits has room for */
+  gpurt_schedule schedule;
+  gpurt_schedule_counters *out_counters; /* host memory, written where the call succeeds; NULL: not wanted. Chunks of
+                                            rays in host memory then go one after another */
 } gpurt_trace_desc;
 #define GPURT_TRACE_DESC_INIT \
   {sizeof(gpurt_trace_desc), \
@@ -640,13 +738,16 @@ typedef struct gpurt_trace_desc {
    NULL, \
    NULL, \
    NULL, \
-   0}
+   0, \
+   GPURT_SCHEDULE_INIT, \
+   NULL}
 
 /** Traces a batch of rays on all threads of the device and returns when it is done.
  *
  *  Alpha masks are holes. Rays with a zero or non-finite direction, a non-finite origin or tmin > tmax miss.
  *  Errors: INVALID_ARGUMENT, also for ALL where hits is too small (offsets are written: offsets[num_rays] is the
- *  capacity needed) and for a scene that was never committed; OUT_OF_MEMORY; DEVICE; UNSUPPORTED.
+ *  capacity needed) and for a scene that was never committed; OUT_OF_MEMORY; DEVICE; UNSUPPORTED, also for a schedule
+ *  that the device, the accelerator or the query does not have.
  */
 GPURT_API gpurt_result gpurt_scene_trace(gpurt_scene scene, const gpurt_trace_desc *desc);
 
@@ -718,11 +819,13 @@ typedef struct gpurt_render_desc {
   double time_limit_s; /* stop at the last whole-frame pass that fits; 0: none */
   uint32_t max_depth;  /* emission seen directly is 1, direct light 2; 0: 17 */
   uint32_t
-      tile_size; /* edge of the square work unit in pixels; 0: the library's choice; at most 128; changes no bits */
+      tile_size; /* edge of the square work unit in pixels; 0: the library's choice; at most 256; changes no bits */
   gpurt_progress_fn progress; /* NULL: none */
   void *progress_user;
+  gpurt_schedule schedule;
 } gpurt_render_desc;
-#define GPURT_RENDER_DESC_INIT {sizeof(gpurt_render_desc), GPURT_PIPELINE_AUTO, 0, 0, 0, 0, 0, NULL, NULL}
+#define GPURT_RENDER_DESC_INIT \
+  {sizeof(gpurt_render_desc), GPURT_PIPELINE_AUTO, 0, 0, 0, 0, 0, NULL, NULL, GPURT_SCHEDULE_INIT}
 
 /** Starts rendering of tiles; returns at once.
  *
@@ -839,6 +942,8 @@ typedef struct gpurt_statistics {
   double largest_sample;  /* largest radiance of a single sample */
   uint64_t memory_peak_bytes;
   char reason[256]; /* why settings were chosen */
+  gpurt_schedule schedule; /* of the last job, resolved */
+  gpurt_schedule_counters schedule_counters; /* over all jobs of the frame; a saved state does not keep them */
 } gpurt_statistics;
 #define GPURT_STATISTICS_INIT \
   {sizeof(gpurt_statistics), \
@@ -868,7 +973,9 @@ typedef struct gpurt_statistics {
    0, \
    0, \
    0, \
-   {0}}
+   {0}, \
+   GPURT_SCHEDULE_INIT, \
+   GPURT_SCHEDULE_COUNTERS_INIT}
 
 /** Reads the statistics of a frame; while a job runs, of what is done so far. */
 GPURT_API gpurt_result gpurt_frame_get_statistics(gpurt_frame frame, gpurt_statistics *out_statistics);

@@ -21,7 +21,8 @@ extern "C" {
  *  @param done_event  Recorded after the work; NULL: none.
  *
  *  The scene must neither be released nor committed before the work is done.
- *  Errors: as gpurt_scene_trace; UNSUPPORTED where the device or the query does not work on streams. Failures of the work
+ *  Errors: as gpurt_scene_trace; UNSUPPORTED where the device, the query or the schedule does not work on streams, and
+ *  for out_counters, which only the end of the work can tell. Failures of the work
  *  itself show in the stream.
  */
 GPURT_API gpurt_result gpurt_cuda_trace(gpurt_scene scene, const gpurt_trace_desc *desc, void *stream,
@@ -39,6 +40,29 @@ GPURT_API gpurt_result gpurt_cuda_order(gpurt_device device, uint32_t ordinal, v
 
 /** Waits until what is on the stream now is done. Errors: as gpurt_cuda_order, and failures of that work. */
 GPURT_API gpurt_result gpurt_cuda_wait(gpurt_device device, uint32_t ordinal, void *stream);
+
+/** A kernel, as it runs on a device. */
+typedef struct gpurt_cuda_kernel {
+  char name[96];                      /* what it does; kernels for different scenes may share a name */
+  uint64_t num_launches;              /* by this process so far */
+  uint32_t block_threads;             /* threads of a block */
+  uint32_t registers;                 /* of a thread */
+  uint32_t local_bytes;               /* of a thread: stacks, and registers that found no room */
+  uint32_t shared_bytes;              /* of a block */
+  uint32_t blocks_per_multiprocessor; /* that are resident at once */
+  float occupancy;                    /* share of a multiprocessor's threads that these are */
+} gpurt_cuda_kernel;
+
+/** Lists the kernels that this process has launched, in the order of their first launch.
+ *
+ *  @param device     A CUDA device, whose figures are given.
+ *  @param kernels    [capacity] array, or NULL to count.
+ *  @param out_count  Number of kernels, also when it exceeds capacity.
+ *
+ *  Errors: INVALID_ARGUMENT; UNSUPPORTED for other devices; DEVICE.
+ */
+GPURT_API gpurt_result gpurt_cuda_get_kernels(gpurt_device device, gpurt_cuda_kernel *kernels,
+                                              uint32_t capacity, uint32_t *out_count);
 
 #ifdef __cplusplus
 }

@@ -14,6 +14,7 @@
 #include "frame/film.h"
 #include "memory.h"
 #include "scene/compiled_scene.h"
+#include "schedule.h"
 
 namespace gpurt {
 
@@ -86,6 +87,8 @@ struct TraceRequest {
   uint8_t *occluded = nullptr;
   uint64_t *offsets = nullptr;
   uint64_t hit_capacity = 0;
+  Schedule schedule;
+  ScheduleCounters *counters = nullptr;  // null: not wanted
 };
 
 /// A rectangle of pixels and the sample indices to take in each of them.
@@ -99,6 +102,7 @@ struct RenderCounters {
   uint64_t num_samples = 0, num_camera_rays = 0, num_bounce_rays = 0, num_shadow_rays = 0, num_nonfinite = 0;
   double generate_seconds = 0, trace_seconds = 0, shade_seconds = 0, shadow_seconds = 0, film_seconds = 0;
   float largest_sample = 0;
+  ScheduleCounters schedule;
 };
 
 /// One pass: units in any order, on all workers of the backend.
@@ -106,6 +110,7 @@ struct RenderPass {
   PathSettings settings;
   uint32_t outputs = 0;  // bits 1 << gpurt_output that the film has arrays for
   std::span<const WorkUnit> units;
+  Schedule schedule;  // resolved
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
   /// Takes the finished samples of a unit; called from any thread. A unit is delivered whole or not at all.
   std::function<void(const WorkUnit &, const TileFilm &, const RenderCounters &)> deliver;
@@ -120,6 +125,11 @@ class CommittedScene {
   virtual void render(const RenderPass &pass) const = 0;
   /// Throws INVALID_ARGUMENT where there is no such kd-tree.
   virtual HostKdTree export_tree(uint32_t tree) const = 0;
+  /// The schedule with values for what was left to the library. Throws UNSUPPORTED naming what is not there.
+  virtual Schedule resolve_schedule(const Schedule &asked, ScheduleUse) const
+  {
+    return resolve_fused_schedule(asked, "this device");
+  }
 };
 
 /// What a committed scene may offer beside CommittedScene: queries that are queued on the caller's stream. The handles are
@@ -130,6 +140,21 @@ class StreamTracing {
   /// Queues the request, whose memory is the device's, and returns; the committed scene outlives the work.
   virtual void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event,
                                void *done_event) const = 0;
+};
+
+/// A kernel of a CUDA device, for gpurt_cuda_kernel.
+struct KernelInfo {
+  std::string name;
+  uint64_t num_launches = 0;
+  uint32_t block_threads = 0, registers = 0, local_bytes = 0, shared_bytes = 0, blocks_per_multiprocessor = 0;
+  float occupancy = 0;
+};
+
+/// What a backend may offer beside Backend: the kernels that were launched.
+class KernelListing {
+ public:
+  virtual ~KernelListing() = default;
+  virtual std::vector<KernelInfo> kernels() const = 0;
 };
 
 struct DeviceInfo {

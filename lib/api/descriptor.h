@@ -66,11 +66,13 @@ GPURT_STRUCT(gpurt_kdtree, GPURT_KDTREE_INIT, offsetof(gpurt_kdtree, num_nodes),
 GPURT_STRUCT(gpurt_trace_desc, GPURT_TRACE_DESC_INIT, offsetof(gpurt_trace_desc, num_rays),
              offsetof(gpurt_trace_desc, rays), offsetof(gpurt_trace_desc, hits),
              offsetof(gpurt_trace_desc, occluded), offsetof(gpurt_trace_desc, offsets),
-             offsetof(gpurt_trace_desc, hit_capacity));
+             offsetof(gpurt_trace_desc, hit_capacity), offsetof(gpurt_trace_desc, schedule.ray_budget),
+             offsetof(gpurt_trace_desc, out_counters));
 GPURT_STRUCT(gpurt_frame_desc, GPURT_FRAME_DESC_INIT, offsetof(gpurt_frame_desc, seed),
              offsetof(gpurt_frame_desc, first_sample));
 GPURT_STRUCT(gpurt_render_desc, GPURT_RENDER_DESC_INIT, offsetof(gpurt_render_desc, time_limit_s),
-             offsetof(gpurt_render_desc, progress), offsetof(gpurt_render_desc, progress_user));
+             offsetof(gpurt_render_desc, progress), offsetof(gpurt_render_desc, progress_user),
+             offsetof(gpurt_render_desc, schedule.ray_budget));
 // Only ever written: where a smaller struct ends is the caller's business.
 GPURT_STRUCT(gpurt_device_properties, GPURT_DEVICE_PROPERTIES_INIT);
 GPURT_STRUCT(gpurt_scene_facts, GPURT_SCENE_FACTS_INIT);

@@ -4,9 +4,11 @@
 #include "api/descriptor.h"
 #include "api/guard.h"
 #include "api/objects.h"
+#include "api/read_schedule.h"
 #include "frame/job.h"
 #include "frame/state_file.h"
 #include "planner/plan.h"
+#include "schedule_desc.h"
 
 namespace gpurt::api {
 namespace {
@@ -63,7 +65,10 @@ gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc
     const gpurt_render_desc d = read_optional_descriptor(desc);
     require(out_job, "out_job");
     check_enum(d.pipeline, GPURT_PIPELINE_HYBRID + 1, "pipeline", "gpurt_pipeline");
-    const RenderPlan plan = plan_render(d);
+    const Schedule asked = checked_schedule(d.schedule);
+    RenderPlan plan = plan_render(d);
+    plan.desc.schedule =
+        describe(f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
     const auto object = std::make_shared<JobObject>();
     object->frame = f;
     object->job = Job::submit(f->frame, plan.desc, checked_tiles(tiles, num_tiles));

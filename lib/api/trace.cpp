@@ -1,8 +1,12 @@
 // gpurt_scene_trace and gpurt_cuda_trace: check the request, hand it to the committed scene.
+#include <algorithm>
+
 #include "api/descriptor.h"
 #include "api/guard.h"
 #include "api/objects.h"
+#include "api/read_schedule.h"
 #include "gpurt_cuda.h"
+#include "schedule_desc.h"
 
 namespace gpurt::api {
 namespace {
@@ -57,6 +61,7 @@ TraceRequest checked_request(const gpurt_trace_desc &d, const Device &device)
   request.occluded = d.occluded;
   request.offsets = d.offsets;
   request.hit_capacity = d.hit_capacity;
+  request.schedule = checked_schedule(d.schedule);
 
   const uint64_t hit_bytes = request.compact ? sizeof(gpurt_hit_compact) : sizeof(gpurt_hit);
   const Range rays = checked_range("rays", d.rays, d.num_rays, sizeof(gpurt_ray), alignof(gpurt_ray));
@@ -100,9 +105,15 @@ gpurt_result gpurt_scene_trace(gpurt_scene scene, const gpurt_trace_desc *desc)
 {
   return guard([&] {
     const auto s = get(scene, "scene");
-    const TraceRequest request = checked_request(read_descriptor(desc), *s->device);
+    const gpurt_trace_desc d = read_descriptor(desc);
+    TraceRequest request = checked_request(d, *s->device);
+    ScheduleCounters counters;
+    if (d.out_counters) request.counters = &counters;
     const auto commit = s->require_commit();  // held until the end: a commit meanwhile does not disturb
+    request.schedule = commit->committed->resolve_schedule(
+        request.schedule, request.query == QueryKind::All ? ScheduleUse::AllHitsQuery : ScheduleUse::Query);
     commit->committed->trace(request);
+    if (d.out_counters) *d.out_counters = describe(counters);
   });
 }
 
@@ -111,7 +122,8 @@ gpurt_result gpurt_cuda_trace(gpurt_scene scene, const gpurt_trace_desc *desc, v
 {
   return guard([&] {
     const auto s = get(scene, "scene");
-    const TraceRequest request = checked_request(read_descriptor(desc), *s->device);
+    const gpurt_trace_desc d = read_descriptor(desc);
+    TraceRequest request = checked_request(d, *s->device);
     if (s->device->is_cpu()) {
       fail(GPURT_ERROR_UNSUPPORTED,
            "the scene is on a CPU device, which has no streams; use gpurt_scene_trace");
@@ -126,6 +138,38 @@ gpurt_result gpurt_cuda_trace(gpurt_scene scene, const gpurt_trace_desc *desc, v
       fail_invalid(
           "work on a stream needs storage GPURT_STORAGE_DEVICE; host memory could change before it is read");
     }
+    if (d.out_counters) {
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "out_counters is set, but work on a stream is counted after the call has returned; use "
+           "gpurt_scene_trace, or NULL");
+    }
+    request.schedule = commit->committed->resolve_schedule(request.schedule, ScheduleUse::StreamQuery);
     tracing->trace_on_stream(request, stream, wait_event, done_event);
+  });
+}
+
+gpurt_result gpurt_cuda_get_kernels(gpurt_device device, gpurt_cuda_kernel *kernels, uint32_t capacity,
+                                    uint32_t *out_count)
+{
+  return guard([&] {
+    const auto object = get(device, "device");
+    require(out_count, "out_count");
+    const auto *listing = dynamic_cast<const KernelListing *>(object->backend.get());
+    if (!listing) fail(GPURT_ERROR_UNSUPPORTED, "the CPU device has no kernels; ask a CUDA device");
+    const std::vector<KernelInfo> infos = listing->kernels();
+    for (size_t i = 0; kernels && i < std::min<size_t>(capacity, infos.size()); ++i) {
+      const KernelInfo &k = infos[i];
+      gpurt_cuda_kernel &out = kernels[i];
+      out = {};
+      out.name[k.name.copy(out.name, sizeof out.name - 1)] = 0;
+      out.num_launches = k.num_launches;
+      out.block_threads = k.block_threads;
+      out.registers = k.registers;
+      out.local_bytes = k.local_bytes;
+      out.shared_bytes = k.shared_bytes;
+      out.blocks_per_multiprocessor = k.blocks_per_multiprocessor;
+      out.occupancy = k.occupancy;
+    }
+    *out_count = uint32_t(infos.size());
   });
 }

@@ -19,6 +19,11 @@ class CpuScene final : public CommittedScene {
   void render(const RenderPass &pass) const override;
   HostKdTree export_tree(uint32_t tree) const override { return accelerator_->export_tree(tree); }
 
+  Schedule resolve_schedule(const Schedule &asked, ScheduleUse) const override
+  {
+    return resolve_fused_schedule(asked, "the CPU device");
+  }
+
   const CpuAccel &accel() const { return accelerator_->queries(); }
 
  private:

@@ -4,8 +4,10 @@
 #include "cuda/accel/device_bvh_accel.h"
 #include "cuda/accel/device_kd_accel.h"
 #include "cuda/accel/query.h"
+#include "cuda/accel/schedule/tracer.h"
 #include "cuda/device_scene.h"
 #include "cuda/factory.h"
+#include "cuda/kernel_listing.h"
 #include "cuda/path/render.h"
 #include "cuda/probe.h"
 #include "error.h"
@@ -70,6 +72,11 @@ class CudaScene final : public CommittedScene, public StreamTracing {
     render_on_device(pass, trace_scene_, device_->memory, device_->lanes);
   }
 
+  Schedule resolve_schedule(const Schedule &asked, ScheduleUse use) const override
+  {
+    return cuda::resolve_schedule(asked, use, trace_scene_);
+  }
+
   HostKdTree export_tree(uint32_t tree) const override
   {
     if (!kd_trees_) refuse_bvh_export();
@@ -106,7 +113,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   mutable SliceSize slice_;
 };
 
-class CudaBackend final : public Backend, public StreamOrdering {
+class CudaBackend final : public Backend, public StreamOrdering, public KernelListing {
  public:
   CudaBackend(const DeviceInfo &info, const BackendOptions &options)
       : device_(std::make_shared<SharedDevice>()), log_(options.log)
@@ -189,6 +196,14 @@ class CudaBackend final : public Backend, public StreamOrdering {
     check_ordinal(ordinal);
     const DeviceScope scope(device_->memory->ordinal());
     check(cudaStreamSynchronize(static_cast<cudaStream_t>(stream)), "cudaStreamSynchronize");
+  }
+
+  std::vector<KernelInfo> kernels() const override
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    cudaDeviceProp properties{};
+    check(cudaGetDeviceProperties(&properties, device_->memory->ordinal()), "cudaGetDeviceProperties");
+    return list_kernels(properties);
   }
 
  private:

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "cuda/check.h"
+#include "cuda/kernel_log.h"
 
 namespace gpurt::cuda {
 
@@ -13,14 +14,40 @@ constexpr unsigned block_size = 128;
 
 #if defined(__CUDACC__)
 
-/// Runs kernel(args...) with at least n threads on a stream; `name` is what an error calls it.
+/// Runs kernel(args...) in blocks of a size of their own; `name` is what an error calls it.
+template <class... Parameters, class... Arguments>
+void launch_blocks(const char *name, void (*kernel)(Parameters...), unsigned num_blocks, unsigned block_threads,
+                   cudaStream_t stream, const Arguments &...arguments)
+{
+  kernel<<<num_blocks, block_threads, 0, stream>>>(arguments...);
+  check(cudaGetLastError(), name);
+  note_launch(name, reinterpret_cast<const void *>(kernel), block_threads);
+}
+
+/// Runs kernel(args...) with at least n threads on a stream.
 template <class... Parameters, class... Arguments>
 void launch(const char *name, void (*kernel)(Parameters...), uint64_t n, cudaStream_t stream,
             const Arguments &...arguments)
 {
   if (n == 0) return;
-  kernel<<<unsigned((n + block_size - 1) / block_size), block_size, 0, stream>>>(arguments...);
-  check(cudaGetLastError(), name);
+  launch_blocks(name, kernel, unsigned((n + block_size - 1) / block_size), block_size, stream, arguments...);
+}
+
+/// Runs kernel(args...) with as many threads as the device holds at once, but no more than n need.
+template <class... Parameters, class... Arguments>
+void launch_persistent(const char *name, void (*kernel)(Parameters...), uint64_t n, cudaStream_t stream,
+                       const Arguments &...arguments)
+{
+  if (n == 0) return;
+  int device = 0, num_multiprocessors = 0, blocks = 0;
+  check(cudaGetDevice(&device), "cudaGetDevice");
+  check(cudaDeviceGetAttribute(&num_multiprocessors, cudaDevAttrMultiProcessorCount, device),
+        "cudaDeviceGetAttribute");
+  check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel, int(block_size), 0),
+        "cudaOccupancyMaxActiveBlocksPerMultiprocessor");
+  const uint64_t resident = uint64_t(num_multiprocessors) * unsigned(blocks > 0 ? blocks : 1);
+  const uint64_t needed = (n + block_size - 1) / block_size;
+  launch_blocks(name, kernel, unsigned(needed < resident ? needed : resident), block_size, stream, arguments...);
 }
 
 // The item of this thread.

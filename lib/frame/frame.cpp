@@ -6,6 +6,7 @@
 
 #include "frame/error_estimate.h"
 #include "frame/outputs.h"
+#include "schedule_desc.h"
 
 namespace gpurt {
 
@@ -215,10 +216,11 @@ FrameTotals Frame::totals() const
   return state_.totals;
 }
 
-void Frame::set_outcome(uint32_t tile_size, std::string reason)
+void Frame::set_outcome(uint32_t tile_size, const gpurt_schedule &schedule, std::string reason)
 {
   const std::scoped_lock lock(totals_mutex_);
   last_tile_size_ = tile_size;
+  last_schedule_ = schedule;
   reason_ = std::move(reason);
 }
 
@@ -301,6 +303,8 @@ void Frame::statistics(gpurt_statistics &out) const
   out.estimated_error = error;
   out.largest_sample = double(c.largest_sample);
   out.memory_peak_bytes = scene_.memory ? scene_.memory->peak() : 0;
+  out.schedule = last_schedule_;
+  out.schedule_counters = describe(c.schedule);
   std::memset(out.reason, 0, sizeof out.reason);
   reason_.copy(out.reason, sizeof out.reason - 1);
 }

@@ -111,7 +111,7 @@ class Frame {
   void begin_samples(gpurt_pipeline pipeline, uint32_t max_depth);
   PathSettings path_settings(uint32_t max_depth) const;
   void add_unit(const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters);
-  void set_outcome(uint32_t tile_size, std::string reason);
+  void set_outcome(uint32_t tile_size, const gpurt_schedule &schedule, std::string reason);
   void add_render_seconds(double seconds);
 
   FrameScene scene_;
@@ -124,6 +124,7 @@ class Frame {
   mutable std::mutex totals_mutex_;
   uint64_t generation_ = 0;      // counts changes of the film; under totals_mutex_
   uint32_t last_tile_size_ = 0;  // under totals_mutex_
+  gpurt_schedule last_schedule_ = GPURT_SCHEDULE_INIT;  // under totals_mutex_
   std::string reason_;           // under totals_mutex_
 
   // Jobs in the order of their submission: the first one renders. The film changes by it and by merging alone,

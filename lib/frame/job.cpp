@@ -4,6 +4,8 @@
 #include <chrono>
 #include <cmath>
 
+#include "schedule_desc.h"
+
 namespace gpurt {
 
 namespace {
@@ -213,7 +215,7 @@ double Job::elapsed_seconds() const { return steady_seconds() - start_seconds_; 
 void Job::render()
 {
   start_seconds_ = steady_seconds();
-  frame_->set_outcome(desc_.tile_size, "rendering");
+  frame_->set_outcome(desc_.tile_size, desc_.schedule, "rendering");
   regions_ = plan();
   uint64_t most = 0;
   for (const Region &r : regions_) most = std::max(most, r.num_samples);
@@ -259,7 +261,7 @@ void Job::render()
   uint64_t fewest = ~uint64_t(0);
   for (const Region &r : regions_) fewest = std::min(fewest, r.num_samples);
   frame_->set_outcome(
-      desc_.tile_size,
+      desc_.tile_size, desc_.schedule,
       fmt::format("path is the only pipeline of this version; stopped at {} samples per pixel: {}", fewest,
                   reason));
   share_ = 1;
@@ -313,6 +315,7 @@ void Job::render_pass(std::span<const WorkUnit> units)
   pass.settings = frame_->path_settings(desc_.max_depth);
   pass.outputs = frame_->settings().outputs;
   pass.units = units;
+  pass.schedule = schedule_from(desc_.schedule);
   pass.cancelled = &cancelled_;
   pass.deliver = [&](const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters) {
     frame_->add_unit(unit, film, counters);

@@ -163,6 +163,7 @@ void add_counters(RenderCounters &sum, const RenderCounters &other)
   sum.shadow_seconds += other.shadow_seconds;
   sum.film_seconds += other.film_seconds;
   sum.largest_sample = std::max(sum.largest_sample, other.largest_sample);
+  sum.schedule.add(other.schedule);
 }
 
 }  // namespace gpurt

@@ -31,8 +31,9 @@ void split_uniform(const gpurt_tile &tile, const std::function<uint64_t(uint32_t
 /// There is never more than one unit for a pixel: whatever a cancelled pass leaves out, no pixel has a gap.
 std::vector<WorkUnit> take_units(std::vector<Region> &regions, uint64_t num_samples);
 
-/// Largest square work unit, so that a job stops soon after it is cancelled.
-constexpr uint32_t max_tile_size = 128;
+/// Largest square work unit. What a cancelled unit has done is lost: of 256 pixels, some tens of milliseconds of a CPU
+/// thread for a sample.
+constexpr uint32_t max_tile_size = 256;
 
 /// Edge of the work units where the caller did not choose one: so small that every worker gets several, not smaller
 /// than what keeps a unit's fixed cost low.

@@ -533,7 +533,7 @@ TEST_F(Arguments, Submissions)
   }
   refuse_render("target_error", [](auto &d) { d.target_error = nan_value; });
   refuse_render("target_error", [](auto &d) { d.target_error = -1; });
-  refuse_render("tile_size is 129; it is at most 128", [](auto &d) { d.tile_size = 129; });
+  refuse_render("tile_size is 257; it is at most 256", [](auto &d) { d.tile_size = 257; });
   refuse_render("time_limit_s", [](auto &d) { d.time_limit_s = std::numeric_limits<double>::quiet_NaN(); });
 
   const gpurt_render_desc d = GPURT_RENDER_DESC_INIT;

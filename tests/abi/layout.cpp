@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "gpurt.h"
+#include "gpurt_cuda.h"
 
 #if defined(__x86_64__) || defined(__aarch64__)
 
@@ -205,7 +206,41 @@ FIELD(gpurt_hit_compact, u, 4);
 FIELD(gpurt_hit_compact, v, 8);
 FIELD(gpurt_hit_compact, primitive, 12);
 
-SIZE(gpurt_trace_desc, 64);
+SIZE(gpurt_schedule, 40);
+FIELD(gpurt_schedule, traversal, 0);
+FIELD(gpurt_schedule, launch, 4);
+FIELD(gpurt_schedule, fetch, 8);
+FIELD(gpurt_schedule, compaction, 12);
+FIELD(gpurt_schedule, shading, 16);
+FIELD(gpurt_schedule, generation, 20);
+FIELD(gpurt_schedule, reserved, 24);
+FIELD(gpurt_schedule, ray_budget, 32);
+
+SIZE(gpurt_schedule_counters, 128);
+FIELD(gpurt_schedule_counters, ray_refills, 0);
+FIELD(gpurt_schedule_counters, list_rounds, 8);
+FIELD(gpurt_schedule_counters, list_overflows, 16);
+FIELD(gpurt_schedule_counters, mode_switches, 24);
+FIELD(gpurt_schedule_counters, packets, 32);
+FIELD(gpurt_schedule_counters, shared_triangles, 40);
+FIELD(gpurt_schedule_counters, compactions, 48);
+FIELD(gpurt_schedule_counters, sorted_hits, 56);
+FIELD(gpurt_schedule_counters, counted_rays, 64);
+FIELD(gpurt_schedule_counters, wave_splits, 72);
+FIELD(gpurt_schedule_counters, device_ns, 80);
+FIELD(gpurt_schedule_counters, reserved, 88);
+
+SIZE(gpurt_cuda_kernel, 128);
+FIELD(gpurt_cuda_kernel, name, 0);
+FIELD(gpurt_cuda_kernel, num_launches, 96);
+FIELD(gpurt_cuda_kernel, block_threads, 104);
+FIELD(gpurt_cuda_kernel, registers, 108);
+FIELD(gpurt_cuda_kernel, local_bytes, 112);
+FIELD(gpurt_cuda_kernel, shared_bytes, 116);
+FIELD(gpurt_cuda_kernel, blocks_per_multiprocessor, 120);
+FIELD(gpurt_cuda_kernel, occupancy, 124);
+
+SIZE(gpurt_trace_desc, 112);
 FIELD(gpurt_trace_desc, struct_size, 0);
 FIELD(gpurt_trace_desc, query, 4);
 FIELD(gpurt_trace_desc, format, 8);
@@ -216,6 +251,8 @@ FIELD(gpurt_trace_desc, hits, 32);
 FIELD(gpurt_trace_desc, occluded, 40);
 FIELD(gpurt_trace_desc, offsets, 48);
 FIELD(gpurt_trace_desc, hit_capacity, 56);
+FIELD(gpurt_trace_desc, schedule, 64);
+FIELD(gpurt_trace_desc, out_counters, 104);
 
 SIZE(gpurt_frame_desc, 40);
 FIELD(gpurt_frame_desc, struct_size, 0);
@@ -233,7 +270,7 @@ FIELD(gpurt_tile, y0, 4);
 FIELD(gpurt_tile, x1, 8);
 FIELD(gpurt_tile, y1, 12);
 
-SIZE(gpurt_render_desc, 48);
+SIZE(gpurt_render_desc, 88);
 FIELD(gpurt_render_desc, struct_size, 0);
 FIELD(gpurt_render_desc, pipeline, 4);
 FIELD(gpurt_render_desc, samples_per_pixel, 8);
@@ -243,8 +280,9 @@ FIELD(gpurt_render_desc, max_depth, 24);
 FIELD(gpurt_render_desc, tile_size, 28);
 FIELD(gpurt_render_desc, progress, 32);
 FIELD(gpurt_render_desc, progress_user, 40);
+FIELD(gpurt_render_desc, schedule, 48);
 
-SIZE(gpurt_statistics, 440);
+SIZE(gpurt_statistics, 608);
 FIELD(gpurt_statistics, struct_size, 0);
 FIELD(gpurt_statistics, pipeline, 4);
 FIELD(gpurt_statistics, accel, 8);
@@ -273,6 +311,8 @@ FIELD(gpurt_statistics, estimated_error, 160);
 FIELD(gpurt_statistics, largest_sample, 168);
 FIELD(gpurt_statistics, memory_peak_bytes, 176);
 FIELD(gpurt_statistics, reason, 184);
+FIELD(gpurt_statistics, schedule, 440);
+FIELD(gpurt_statistics, schedule_counters, 480);
 
 SIZE(gpurt_state_info, 72);
 FIELD(gpurt_state_info, struct_size, 0);
@@ -367,6 +407,39 @@ SIZE(gpurt_query, 4);
 VALUE(GPURT_HIT_FULL, 0);
 VALUE(GPURT_HIT_COMPACT, 1);
 SIZE(gpurt_hit_format, 4);
+
+VALUE(GPURT_TRAVERSAL_AUTO, 0);
+VALUE(GPURT_TRAVERSAL_STACK, 1);
+VALUE(GPURT_TRAVERSAL_LEAF_LISTS, 2);
+VALUE(GPURT_TRAVERSAL_UBER, 3);
+SIZE(gpurt_traversal, 4);
+
+VALUE(GPURT_LAUNCH_AUTO, 0);
+VALUE(GPURT_LAUNCH_REGULAR, 1);
+VALUE(GPURT_LAUNCH_PERSISTENT, 2);
+SIZE(gpurt_launch, 4);
+
+VALUE(GPURT_FETCH_AUTO, 0);
+VALUE(GPURT_FETCH_PER_THREAD, 1);
+VALUE(GPURT_FETCH_PACKETS, 2);
+SIZE(gpurt_fetch, 4);
+
+VALUE(GPURT_COMPACTION_AUTO, 0);
+VALUE(GPURT_COMPACTION_BLOCK_SCAN, 1);
+VALUE(GPURT_COMPACTION_PYRAMID, 2);
+VALUE(GPURT_COMPACTION_NAIVE_SCAN, 3);
+VALUE(GPURT_COMPACTION_LIBRARY_SCAN, 4);
+SIZE(gpurt_compaction, 4);
+
+VALUE(GPURT_SHADING_AUTO, 0);
+VALUE(GPURT_SHADING_IMMEDIATE, 1);
+VALUE(GPURT_SHADING_SORTED, 2);
+SIZE(gpurt_shading, 4);
+
+VALUE(GPURT_GENERATION_AUTO, 0);
+VALUE(GPURT_GENERATION_SLOTS, 1);
+VALUE(GPURT_GENERATION_COUNTED, 2);
+SIZE(gpurt_generation, 4);
 
 VALUE(GPURT_OUTPUT_COLOR, 0);
 VALUE(GPURT_OUTPUT_ALPHA, 1);

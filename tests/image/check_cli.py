@@ -65,7 +65,7 @@ def case_wrong_usage():
     refused(2, "excludes", "render", cornell, "-o", "a.png", "--time", 4, "--error", 0.1)
     refused(2, "--error", "render", cornell, "-o", "a.png", "--error", "-1")
     for option, values in {"--spp": (0, -1, 1.5, "many"), "--seed": (-1, "9" * 20, "1e3"), "--first-sample": (-1,),
-                           "--width": (0, 65536), "--tile": (129, -1), "--threads": (4097, -1),
+                           "--width": (0, 65536), "--tile": (257, -1), "--threads": (4097, -1),
                            "--time": ("nan", 0), "--max-depth": (-1,)}.items():
         for value in values:
             refused(2, option, "render", cornell, "-o", "a.png", option, value)

@@ -4,9 +4,10 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "bench_schedule.h"
 #include "json.h"
 #include "options.h"
-#include "rays.h"
+#include "ray_sets.h"
 
 namespace cli {
 
@@ -15,70 +16,11 @@ namespace {
 struct BenchOptions {
   std::string scene;
   std::vector<std::string> accels;
-  uint32_t repeats = 5, width = 0, height = 0, camera = 0;
+  uint32_t repeats = 5;
+  RaySetOptions rays;
   DeviceOptions device;
   BuildOptions build;
 };
-
-struct RaySet {
-  const char *name;
-  gpurt_query query;
-  std::vector<gpurt_ray> rays;
-};
-
-// The rays that a frame would trace, and some without any order. Points and normals come from a frame of one sample.
-std::vector<RaySet> make_rays(gpurt_scene scene, const BenchOptions &o)
-{
-  const gpurt_scene_facts facts = facts_of(scene);
-  gpurt_camera_desc camera = GPURT_CAMERA_DESC_INIT;
-  check(gpurt_scene_get_camera(scene, o.camera, &camera));
-  const uint32_t width = o.width ? o.width : 1024;
-  const uint32_t height = o.height ? o.height
-                          : camera.width
-                              ? std::max(1u, uint32_t(uint64_t(width) * camera.height / camera.width))
-                              : width;
-  std::vector<RaySet> sets;
-  sets.push_back({"primary", GPURT_QUERY_CLOSEST, camera_rays(camera, width, height)});
-
-  gpurt_frame_desc frame_desc = GPURT_FRAME_DESC_INIT;
-  frame_desc.camera = o.camera;
-  frame_desc.width = width;
-  frame_desc.height = height;
-  frame_desc.outputs = 1u << GPURT_OUTPUT_POSITION | 1u << GPURT_OUTPUT_NORMAL | 1u << GPURT_OUTPUT_PRIMITIVE;
-  Frame frame;
-  check(gpurt_frame_create(scene, &frame_desc, frame.out()));
-  gpurt_render_desc render = GPURT_RENDER_DESC_INIT;
-  render.samples_per_pixel = 1;
-  render.max_depth = 1;
-  Job job;
-  check(gpurt_frame_submit(frame, &render, nullptr, 0, job.out()));
-  check(gpurt_job_wait(job, GPURT_WAIT_FOREVER));
-  const size_t num_pixels = size_t(width) * height;
-  std::vector<Vec> positions(num_pixels), normals(num_pixels);
-  std::vector<uint32_t> primitives(num_pixels);
-  check(gpurt_frame_read(frame, GPURT_OUTPUT_POSITION, positions.data(), num_pixels * sizeof(Vec)));
-  check(gpurt_frame_read(frame, GPURT_OUTPUT_NORMAL, normals.data(), num_pixels * sizeof(Vec)));
-  check(gpurt_frame_read(frame, GPURT_OUTPUT_PRIMITIVE, primitives.data(), num_pixels * 4));
-
-  Random random(1);
-  const Vec lo{facts.bounds_min[0], facts.bounds_min[1], facts.bounds_min[2]},
-      hi{facts.bounds_max[0], facts.bounds_max[1], facts.bounds_max[2]};
-  const float diagonal = std::sqrt(dot(hi - lo, hi - lo));
-  RaySet diffuse{"diffuse", GPURT_QUERY_CLOSEST, {}}, ambient{"ao", GPURT_QUERY_ANY, {}};
-  for (size_t i = 0; i < num_pixels; ++i) {
-    if (primitives[i] == GPURT_INVALID_ID || !(dot(normals[i], normals[i]) > 0)) continue;
-    const Vec normal = normalize(normals[i]);
-    // A start a little off the surface, so that it is not hit again; exactness is not the matter here.
-    const Vec p = positions[i] + normal * (1e-4f * diagonal), d = cosine_direction(normal, random);
-    diffuse.rays.push_back({{p.x, p.y, p.z}, 0, {d.x, d.y, d.z}, std::numeric_limits<float>::infinity()});
-    const Vec e = cosine_direction(normal, random);
-    ambient.rays.push_back({{p.x, p.y, p.z}, 0, {e.x, e.y, e.z}, 0.1f * diagonal});
-  }
-  sets.push_back(std::move(diffuse));
-  sets.push_back(std::move(ambient));
-  sets.push_back({"random", GPURT_QUERY_CLOSEST, random_rays(facts, num_pixels, random)});
-  return sets;
-}
 
 struct Timing {
   double median, fastest, slowest;  // seconds
@@ -126,7 +68,7 @@ void run(const BenchOptions &o)
     commit(scene, build);
     add_default_camera(scene, build);
     const gpurt_scene_facts facts = facts_of(scene);
-    if (sets.empty()) sets = make_rays(scene, o);
+    if (sets.empty()) sets = make_ray_sets(scene, o.rays);
     for (const RaySet &set : sets) {
       if (set.rays.empty()) continue;
       const Timing timing = time_set(scene, set, o.repeats);
@@ -169,8 +111,9 @@ are the median, the slowest and the fastest of --repeats runs, transfers include
 Examples:
   gpurt bench city.glb
   gpurt bench city.glb --accel kdtree --device cuda:0 --repeats 9 > city.jsonl
+  gpurt bench schedule city.glb         every schedule of a CUDA device, side by side
 )");
-  command->add_option("scene", o->scene, "glTF 2.0 file")->required()->type_name("SCENE");
+  command->add_option("scene", o->scene, "glTF 2.0 file (required)")->type_name("SCENE");
   command->add_option("--accel", o->accels, "kdtree, embree or bvh; by default those that the device has")
       ->delimiter(',')
       ->allow_extra_args(false)
@@ -179,13 +122,19 @@ Examples:
   command->add_option("--repeats", o->repeats, "runs of each case")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  command->add_option("--width", o->width, "of the camera's image; default 1024")
+  command->add_option("--width", o->rays.width, "of the camera's image; default 1024")
       ->check(CLI::Range(1, 16384));
-  command->add_option("--height", o->height)->check(CLI::Range(1, 16384));
-  command->add_option("--camera", o->camera, "which camera of the scene, counted from 0")
+  command->add_option("--height", o->rays.height)->check(CLI::Range(1, 16384));
+  command->add_option("--camera", o->rays.camera, "which camera of the scene, counted from 0")
       ->capture_default_str();
   o->device.add_to(*command);
-  command->callback([o] { run(*o); });
+  add_bench_schedule_command(*command);
+  command->require_subcommand(0, 1);
+  command->callback([o, command] {
+    if (!command->get_subcommands().empty()) return;  // which does its work itself
+    if (o->scene.empty()) fail_usage("bench: SCENE is required; see gpurt bench --help");
+    run(*o);
+  });
 }
 
 }  // namespace cli

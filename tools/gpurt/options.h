@@ -38,6 +38,9 @@ gpurt_device_properties properties_of(gpurt_device device);
 /// Adds a camera that sees everything to a committed scene without cameras, and commits again. True if it did.
 bool add_default_camera(gpurt_scene scene, const BuildOptions &options);
 
+/// Writes a scene that `gpurt scene` knows as a .glb file.
+void write_generated_scene(const std::string &name, const std::string &path);
+
 /// -o of the commands that write pictures.
 struct OutputOptions {
   std::vector<std::string> paths;

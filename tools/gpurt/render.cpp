@@ -210,7 +210,7 @@ void add_render_command(CLI::App &program)
   error->excludes(time);
 
   command->add_option("--tile", o->tile, "edge of a work unit in pixels; 0: automatic; changes no bits")
-      ->check(CLI::Range(0, 128))
+      ->check(CLI::Range(0, 256))
       ->capture_default_str();
   command->add_option("--max-depth", o->max_depth, "path length: 1 is emission alone, 2 direct light; 0: 17")
       ->capture_default_str();

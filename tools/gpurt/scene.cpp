@@ -57,6 +57,15 @@ void run(SceneCommandOptions o)
 
 }  // namespace
 
+void write_generated_scene(const std::string &name, const std::string &path)
+{
+  SceneCommandOptions o;
+  o.name = name;
+  o.output = path;
+  o.quiet = true;
+  run(std::move(o));
+}
+
 void add_scene_command(CLI::App &program)
 {
   auto o = std::make_shared<SceneCommandOptions>();

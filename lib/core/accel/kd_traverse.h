@@ -54,7 +54,8 @@ struct KdEntry {
   float near_b;  // where that of the near side ends, and of all that is postponed within it
 };
 
-// Where a ray stands in a tree: a node, the interval within its cell, and what is postponed.
+// Where a ray stands in a tree: a node, the interval within its cell, and what is postponed. Cursors that keep their stack
+// elsewhere have the same members, `todo` with an operator[].
 struct KdCursor {
   uint32_t index;
   int num_todo;
@@ -107,7 +108,8 @@ GPURT_INLINE KdRay make_kd_ray(const TraceRay &ray, const Box &bounds, float t_l
   return r;
 }
 
-GPURT_INLINE void kd_begin(const KdRay &r, KdCursor &at)
+template <class Cursor>
+GPURT_INLINE void kd_begin(const KdRay &r, Cursor &at)
 {
   at.index = 0;
   at.num_todo = 0;
@@ -117,7 +119,8 @@ GPURT_INLINE void kd_begin(const KdRay &r, KdCursor &at)
 
 // Resumes with the nearest postponed subtree that does not begin beyond the limit; false if there is none. Its interval
 // ends where that of the near side of the entry below it on the stack ends.
-GPURT_INLINE bool kd_resume(const KdRay &r, float t_limit, KdCursor &at)
+template <class Cursor>
+GPURT_INLINE bool kd_resume(const KdRay &r, float t_limit, Cursor &at)
 {
   const float end = t_limit + r.t_widening;
   do {
@@ -128,6 +131,33 @@ GPURT_INLINE bool kd_resume(const KdRay &r, float t_limit, KdCursor &at)
   } while (at.a > end);
   at.b = min(at.num_todo != 0 ? at.todo[at.num_todo - 1].near_b : r.b, end);
   return true;
+}
+
+// Descends to the leaf at the near end of the interval and returns it; far children are postponed.
+template <class Cursor>
+GPURT_INLINE KdNode kd_descend(const KdTreeView &tree, const KdRay &r, Cursor &at)
+{
+  KdNode node = tree.nodes[at.index];
+  while (!is_leaf(node)) {
+    const KdAxis x = axis_of(r, axis(node));
+    const float s = (plane(node) - x.origin) * x.inverse;
+    const float begin = s - x.widening, end = s + x.widening;
+    const uint32_t near = payload(node) + x.far_first;
+    const uint32_t far = payload(node) + (x.far_first ^ 1u);
+    if (begin > at.b) {
+      at.index = near;
+    } else if (end < at.a) {
+      at.index = far;
+    } else {
+      // Both ends only narrow the interval: a plane almost parallel to the ray, whose widening is large, must not
+      // undo what the planes above it have cut off. A NaN leaves them as they are.
+      at.b = min(at.b, end);
+      at.todo[at.num_todo++] = {far, max(at.a, begin), at.b};
+      at.index = near;
+    }
+    node = tree.nodes[at.index];
+  }
+  return node;
 }
 
 // Calls leaf(first, count) for the leaves that the ray may meet, nearest first, until it returns true.
@@ -144,27 +174,7 @@ GPURT_HD inline void traverse_kd(const KdTreeView &tree, const TraceRay &ray, fl
   KdCursor at;
   kd_begin(r, at);
   do {
-    // Descend to the leaf at the near end of the interval; postpone far children.
-    KdNode node = tree.nodes[at.index];
-    while (!is_leaf(node)) {
-      const KdAxis x = axis_of(r, axis(node));
-      const float s = (plane(node) - x.origin) * x.inverse;
-      const float begin = s - x.widening, end = s + x.widening;
-      const uint32_t near = payload(node) + x.far_first;
-      const uint32_t far = payload(node) + (x.far_first ^ 1u);
-      if (begin > at.b) {
-        at.index = near;
-      } else if (end < at.a) {
-        at.index = far;
-      } else {
-        // Both ends only narrow the interval: a plane almost parallel to the ray, whose widening is large, must not
-        // undo what the planes above it have cut off. A NaN leaves them as they are.
-        at.b = min(at.b, end);
-        at.todo[at.num_todo++] = {far, max(at.a, begin), at.b};
-        at.index = near;
-      }
-      node = tree.nodes[at.index];
-    }
+    const KdNode node = kd_descend(tree, r, at);
     if (payload(node) != 0 && leaf(node.word, payload(node))) return;
   } while (kd_resume(r, t_limit, at));
 }

@@ -103,6 +103,19 @@ struct GenerateCameraRays {
   }
 };
 
+// Puts the rays that a vertex makes into its slots of the wave.
+struct VertexSlots {
+  const PathWave &wave;
+  uint32_t i;
+
+  GPURT_HD void shadow(const Ray &ray, Vec3f contribution) const
+  {
+    wave.shadows.rays[i] = ray;
+    wave.shadows.contributions[i] = contribution;
+  }
+  GPURT_HD void next(const Ray &ray) const { wave.next_rays.rays[i] = ray; }
+};
+
 // The talk's material and light kernel: radiance that is found here, the shadow ray, the next ray.
 struct ShadePathVertex {
   SceneView scene;
@@ -113,16 +126,23 @@ struct ShadePathVertex {
   GPURT_HD void operator()(uint32_t i) const
   {
     const uint32_t path_index = wave.rays.paths[i];
-    PathState path = wave.paths[path_index];
-    const Ray ray = wave.rays.rays[i];
-    const Hit hit = wave.hits[i];
     wave.next_rays.rays[i].tmax = -1.0f;
     wave.shadows.rays[i].tmax = -1.0f;
     wave.next_rays.paths[i] = path_index;
     wave.shadows.paths[i] = path_index;
+    shade<true>(i, path_index, VertexSlots{wave, i});
+  }
 
+  // Hands the rays that hit i makes to sink.shadow(ray, contribution) and sink.next(ray), each at most once. The path is
+  // written back if `Stores`; else all that is kept is what the sink keeps.
+  template <bool Stores, class Sink>
+  GPURT_HD void shade(uint32_t i, uint32_t path_index, const Sink &sink) const
+  {
+    PathState path = wave.paths[path_index];
+    const Ray ray = wave.rays.rays[i];
+    const Hit hit = wave.hits[i];
     if (hit.triangle == invalid_id) {
-      if (scene.environment.is_present) {
+      if (Stores && scene.environment.is_present) {
         const Vec3f w = depth == 1 ? ray.direction : normalize(ray.direction);
         float weight = 1.0f;
         if (path.pdf > 0.0f) {
@@ -140,7 +160,7 @@ struct ShadePathVertex {
     const bool front = dot(surface.geometric_normal, wo_world) > 0.0f;
 
     // Lamps that the ray met, weighed against having drawn them at the last vertex.
-    if (surface.light != invalid_id && (front || material.two_sided_emission)) {
+    if (Stores && surface.light != invalid_id && (front || material.two_sided_emission)) {
       float weight = 1.0f;
       if (path.pdf > 0.0f) {
         weight = power_heuristic(
@@ -164,16 +184,17 @@ struct ShadePathVertex {
       const uint32_t pair = (depth - 1) * dims_per_step;
       const Vec2f choice = sample_2d(path.key, pair + dim_choice);
       if (!is_delta(bsdf)) {
-        direct_light(i, surface, bsdf, normal, s, t, wo, choice.x, sample_2d(path.key, pair + dim_light),
+        direct_light(sink, surface, bsdf, normal, s, t, wo, choice.x, sample_2d(path.key, pair + dim_light),
                      path);
       }
-      continue_path(i, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf), path);
+      continue_path(sink, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf), path);
     }
-    wave.paths[path_index] = path;
+    if (Stores) wave.paths[path_index] = path;
   }
 
  private:
-  GPURT_HD void direct_light(uint32_t i, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s,
+  template <class Sink>
+  GPURT_HD void direct_light(const Sink &sink, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s,
                              Vec3f t, Vec3f wo, float u0, Vec2f u1, const PathState &path) const
   {
     LightSample light;
@@ -188,11 +209,11 @@ struct ShadePathVertex {
     ray.tmin = leaving_tmin;
     ray.direction = light.at_infinity ? light.target : light.target - ray.origin;
     ray.tmax = light.at_infinity ? infinity : shadow_tmax;
-    wave.shadows.rays[i] = ray;
-    wave.shadows.contributions[i] = path.throughput * f * light.radiance * (weight / light.pdf);
+    sink.shadow(ray, path.throughput * f * light.radiance * (weight / light.pdf));
   }
 
-  GPURT_HD void continue_path(uint32_t i, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s,
+  template <class Sink>
+  GPURT_HD void continue_path(const Sink &sink, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s,
                               Vec3f t, Vec3f wo, Vec2f choice, Vec2f u, PathState &path) const
   {
     BsdfSample next;
@@ -212,9 +233,8 @@ struct ShadePathVertex {
     path.pdf = next.pdf;
     path.position = surface.position;
     path.normal = normal;
-    wave.next_rays.rays[i] = {
-        offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi), leaving_tmin,
-        wi, infinity};
+    sink.next({offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi),
+               leaving_tmin, wi, infinity});
   }
 };
 

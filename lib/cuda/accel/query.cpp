@@ -4,6 +4,7 @@
 #include <cstring>
 #include <optional>
 
+#include "cuda/accel/schedule/tracer.h"
 #include "error.h"
 
 namespace gpurt::cuda {
@@ -14,6 +15,9 @@ namespace {
 constexpr uint64_t host_chunk_rays = uint64_t(1) << 18;
 // Host threads that copy: one cannot read and write host memory as fast as the device answers.
 constexpr unsigned max_host_lanes = 4;
+// One lane with larger chunks where the device's time is asked for: lanes that share the device would tell their waiting
+// for one another as well.
+constexpr uint64_t timed_chunk_rays = uint64_t(1) << 20;
 // Crossings that an all-hits query lists at a time, beyond which a chunk is answered in parts.
 constexpr uint64_t all_hits_budget = uint64_t(1) << 21;
 
@@ -25,15 +29,18 @@ uint64_t hit_bytes(const TraceRequest &request)
 }
 
 // Calls start(first, count), which launches a kernel over these rays, for slices of the batch, two of which are queued
-// at a time so that the device does not wait for the host.
+// at a time so that the device does not wait for the host. Returns the seconds that they took on the device.
 template <class Start>
-void run_in_slices(Lane &lane, SliceSize &slice, uint64_t num_rays, Start &&start)
+double run_in_slices(Lane &lane, SliceSize &slice, uint64_t num_rays, Start &&start)
 {
   uint64_t counts[2] = {0, 0};
+  double sum = 0;
   const auto finish = [&](int k) {
     if (counts[k] == 0) return;
     lane.timing[k].end.wait();
-    slice.learn(counts[k], seconds_between(lane.timing[k].begin, lane.timing[k].end));
+    const double seconds = seconds_between(lane.timing[k].begin, lane.timing[k].end);
+    slice.learn(counts[k], seconds);
+    sum += seconds;
     counts[k] = 0;
   };
   int k = 0;
@@ -47,6 +54,7 @@ void run_in_slices(Lane &lane, SliceSize &slice, uint64_t num_rays, Start &&star
   }
   finish(k);
   finish(k ^ 1);
+  return sum;
 }
 
 void copy_async(void *to, const void *from, uint64_t bytes, cudaMemcpyKind kind, Lane &lane)
@@ -87,15 +95,42 @@ uint64_t result_bytes_of(const TraceRequest &request)
   return request.query == QueryKind::Any ? 1 : hit_bytes(request);
 }
 
-void launch_hits(const QueryContext &context, const TraceRequest &request, const Ray *rays, uint64_t num_rays,
-                 void *results, cudaStream_t stream)
+// Launches what the request's schedule says; `tracer` is null where it is the fused kernels.
+void launch_hits(const QueryContext &context, const TraceRequest &request, ScheduledTracer *tracer,
+                 const Ray *rays, uint64_t num_rays, void *results, cudaStream_t stream)
 {
+  if (tracer != nullptr) {
+    const HitLayout layout = request.compact ? HitLayout::Compact : HitLayout::Full;
+    if (request.query == QueryKind::Any)
+      tracer->any(context.scene, rays, num_rays, static_cast<uint8_t *>(results));
+    else tracer->closest(context.scene, rays, num_rays, layout, results);
+    return;
+  }
   if (request.query == QueryKind::Any) {
     launch_any(context.scene, rays, num_rays, static_cast<uint8_t *>(results), stream);
   } else {
     launch_closest(context.scene, rays, num_rays, request.compact ? HitLayout::Compact : HitLayout::Full,
                    results, stream);
   }
+}
+
+// The tracer of a lane, if the request's schedule needs one.
+std::optional<ScheduledTracer> make_tracer(const QueryContext &context, const TraceRequest &request,
+                                           uint64_t max_rays, cudaStream_t stream)
+{
+  if (is_fused(request.schedule)) return std::nullopt;
+  return std::optional<ScheduledTracer>(std::in_place, request.schedule, context.memory, max_rays, stream);
+}
+
+// Adds what a lane did to the request's counters, once its work is done.
+void count(const TraceRequest &request, std::optional<ScheduledTracer> &tracer, double seconds, std::mutex &mutex)
+{
+  if (request.counters == nullptr) return;
+  ScheduleCounters counters;
+  if (tracer) tracer->collect(counters);
+  counters.device_ns = uint64_t(seconds * 1e9);
+  const std::lock_guard lock(mutex);
+  request.counters->add(counters);
 }
 
 // Closest and any hits: a result of the same size for every ray.
@@ -105,11 +140,15 @@ void trace_each_on_device(const QueryContext &context, const TraceRequest &reque
   lane->wait_for_default_stream();
   const uint64_t result_bytes = result_bytes_of(request);
   std::byte *results = results_of(request);
-  run_in_slices(*lane, context.slice, request.num_rays, [&](uint64_t first, uint64_t count) {
-    launch_hits(context, request, request.rays + first, count, results + first * result_bytes,
-                lane->stream());
+  std::optional<ScheduledTracer> tracer = make_tracer(context, request, request.num_rays, lane->stream());
+  const WaitAtEnd wait(lane->stream());
+  const double seconds = run_in_slices(*lane, context.slice, request.num_rays, [&](uint64_t first, uint64_t n) {
+    launch_hits(context, request, tracer ? &*tracer : nullptr, request.rays + first, n,
+                results + first * result_bytes, lane->stream());
   });
   lane->synchronize();
+  std::mutex mutex;
+  count(request, tracer, seconds, mutex);
 }
 
 // Rays and results of a part of a host batch, on their way through the device.
@@ -158,34 +197,44 @@ void trace_each_on_host(const QueryContext &context, const TraceRequest &request
 {
   const uint64_t result_bytes = result_bytes_of(request);
   std::byte *results = results_of(request);
-  const uint64_t chunk_rays = std::min(host_chunk_rays, request.num_rays);
+  const bool is_timed = request.counters != nullptr;
+  const uint64_t chunk_rays = std::min(is_timed ? timed_chunk_rays : host_chunk_rays, request.num_rays);
   const uint64_t num_chunks = (request.num_rays + chunk_rays - 1) / chunk_rays;
   std::atomic<uint64_t> next_chunk{0};
   HostParts parts(context, result_bytes);
-  const auto trace_part = [&](Lane &lane, const HostPart &part, uint64_t first, uint64_t count) {
+  std::mutex counting;
+  // Returns the seconds that the device took.
+  const auto trace_part = [&](Lane &lane, const HostPart &part, ScheduledTracer *tracer, uint64_t first,
+                              uint64_t count) {
     void *pinned_rays = lane.to_device.reserve(part.rays.bytes());
     void *pinned_results = lane.to_host.reserve(part.results.bytes());
     std::memcpy(pinned_rays, request.rays + first, count * sizeof(Ray));
     copy_async(part.rays.data(), pinned_rays, count * sizeof(Ray), cudaMemcpyHostToDevice, lane);
-    run_in_slices(lane, context.slice, count, [&](uint64_t i, uint64_t n) {
-      launch_hits(context, request, part.rays.data() + i, n, part.results.data() + i * result_bytes,
+    const double seconds = run_in_slices(lane, context.slice, count, [&](uint64_t i, uint64_t n) {
+      launch_hits(context, request, tracer, part.rays.data() + i, n, part.results.data() + i * result_bytes,
                   lane.stream());
     });
     copy_async(pinned_results, part.results.data(), count * result_bytes, cudaMemcpyDeviceToHost, lane);
     lane.synchronize();
     std::memcpy(results + first * result_bytes, pinned_results, count * result_bytes);
+    return seconds;
   };
   run_on_lanes(context.lanes, context.memory->ordinal(),
-               unsigned(std::min<uint64_t>(num_chunks, max_host_lanes)),
+               unsigned(std::min<uint64_t>(num_chunks, is_timed ? 1 : max_host_lanes)),
                [&](Lane &lane, const std::atomic<bool> &stop) {
                  const std::optional<HostPart> part = parts.make(chunk_rays);
                  if (!part) return;
+                 std::optional<ScheduledTracer> tracer =
+                     make_tracer(context, request, part->num_rays, lane.stream());
                  const WaitAtEnd wait(lane.stream());
+                 double seconds = 0;
                  for (uint64_t c; !stop && (c = next_chunk++) < num_chunks;) {
                    const uint64_t end = std::min((c + 1) * chunk_rays, request.num_rays);
                    for (uint64_t first = c * chunk_rays; first < end && !stop; first += part->num_rays)
-                     trace_part(lane, *part, first, std::min(part->num_rays, end - first));
+                     seconds += trace_part(lane, *part, tracer ? &*tracer : nullptr, first,
+                                           std::min(part->num_rays, end - first));
                  }
+                 count(request, tracer, seconds, counting);
                });
 }
 
@@ -358,7 +407,7 @@ void queue_batch(const QueryContext &context, const TraceRequest &request, cudaS
   if (wait_event != nullptr) check(cudaStreamWaitEvent(stream, wait_event, 0), "cudaStreamWaitEvent");
   const uint64_t slice = context.slice.get(), result_bytes = result_bytes_of(request);
   for (uint64_t first = 0; first < request.num_rays; first += slice) {
-    launch_hits(context, request, request.rays + first, std::min(slice, request.num_rays - first),
+    launch_hits(context, request, nullptr, request.rays + first, std::min(slice, request.num_rays - first),
                 results_of(request) + first * result_bytes, stream);
   }
   if (done_event != nullptr) check(cudaEventRecord(done_event, stream), "cudaEventRecord");

@@ -1,6 +1,7 @@
 #include "cuda/path/compact.h"
 
 #include "cuda/launch.h"
+#include "cuda/path/queue_items.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -15,11 +16,6 @@ constexpr unsigned scan_threads = warp_size * warp_size;
 __device__ __forceinline__ uint32_t ray_of(unsigned round)
 {
   return blockIdx.x * rays_per_block + round * block_size + threadIdx.x;
-}
-
-__device__ __forceinline__ bool is_there(const Ray *rays, uint32_t i, uint32_t n)
-{
-  return i < n && !(rays[i].tmax < 0.0f);
 }
 
 __global__ void __launch_bounds__(block_size)
@@ -64,28 +60,6 @@ __global__ void __launch_bounds__(scan_threads)
   if (threadIdx.x == 0) *total = base;
 }
 
-__device__ __forceinline__ void copy_ray(const Ray *from, Ray *to)
-{
-  const float4 *p = reinterpret_cast<const float4 *>(from);
-  float4 *q = reinterpret_cast<float4 *>(to);
-  q[0] = p[0];
-  q[1] = p[1];
-}
-
-__device__ __forceinline__ void move_item(const RayQueue &from, uint32_t i, const RayQueue &to, uint32_t k)
-{
-  copy_ray(from.rays + i, to.rays + k);
-  to.paths[k] = from.paths[i];
-}
-
-__device__ __forceinline__ void move_item(const ShadowQueue &from, uint32_t i, const ShadowQueue &to,
-                                          uint32_t k)
-{
-  copy_ray(from.rays + i, to.rays + k);
-  to.paths[k] = from.paths[i];
-  to.contributions[k] = from.contributions[i];
-}
-
 template <class Queue>
 __global__ void __launch_bounds__(block_size)
     scatter_kernel(Queue from, uint32_t n, Queue to, const uint32_t *block_offsets)
@@ -117,12 +91,12 @@ void compact(const Queue &from, uint32_t n, const Queue &to, const CompactScratc
              cudaStream_t stream)
 {
   const uint32_t num_blocks = compact_num_blocks(n);
-  count_kernel<<<num_blocks, block_size, 0, stream>>>(from.rays, n, scratch.block_counts);
-  check(cudaGetLastError(), "kernel that counts rays");
-  scan_kernel<<<1, scan_threads, 0, stream>>>(scratch.block_counts, num_blocks, scratch.total);
-  check(cudaGetLastError(), "kernel that sums counts of rays");
-  scatter_kernel<<<num_blocks, block_size, 0, stream>>>(from, n, to, scratch.block_counts);
-  check(cudaGetLastError(), "kernel that moves rays");
+  launch_blocks("kernel that counts rays", count_kernel, num_blocks, block_size, stream, from.rays, n,
+                scratch.block_counts);
+  launch_blocks("kernel that sums counts of rays", scan_kernel, 1, scan_threads, stream, scratch.block_counts,
+                num_blocks, scratch.total);
+  launch_blocks("kernel that moves rays", scatter_kernel<Queue>, num_blocks, block_size, stream, from, n, to,
+                scratch.block_counts);
 }
 
 }  // namespace

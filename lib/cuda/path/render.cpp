@@ -84,6 +84,7 @@ RenderCounters counters_from(const WaveCounters &wave)
   c.shadow_seconds = wave.stage_seconds[uint32_t(PathStage::Shadow)];
   c.film_seconds = wave.stage_seconds[uint32_t(PathStage::Film)];
   c.largest_sample = wave.largest_sample;
+  c.schedule = wave.schedule;
   return c;
 }
 
@@ -127,7 +128,7 @@ class PassRenderer {
   // Renders groups until none are left. Lanes that find no memory leave the work to others.
   void run(Lane &lane, const std::atomic<bool> &stop)
   {
-    const std::unique_ptr<Workspace> work = allocate();
+    const std::unique_ptr<Workspace> work = allocate(lane.stream());
     if (!work) return;
     const WaitAtEnd wait(lane.stream());
     for (size_t k; !stop && !is_cancelled() && (k = next_group_++) < groups_.size();)
@@ -146,14 +147,14 @@ class PassRenderer {
   }
 
   // The largest wave that memory has room for; null if there is none but another lane has one.
-  std::unique_ptr<Workspace> allocate()
+  std::unique_ptr<Workspace> allocate(cudaStream_t stream)
   {
     const std::lock_guard lock(allocation_mutex_);
     uint32_t capacity = uint32_t(std::min<uint64_t>(most_paths_, max_wave_paths));
     for (;;) {
       try {
         std::unique_ptr<Workspace> work(
-            new Workspace{{memory_, capacity}, {memory_, most_film_bytes_, "the film of a group of units"}});
+            new Workspace{{memory_, capacity, pass_.schedule, stream}, {memory_, most_film_bytes_, "the film of a group of units"}});
         ++num_workspaces_;
         return work;
       } catch (const Error &e) {

@@ -1,5 +1,11 @@
 // The path pipeline's stages as kernels, and the executor that starts them on a stream.
+#include <type_traits>
+#include <vector>
+
 #include "cuda/launch.h"
+#include "cuda/path/count_rays.h"
+#include "cuda/path/sort_hits.h"
+#include "cuda/path/uber_path.h"
 #include "cuda/path/wave.h"
 
 namespace gpurt::cuda {
@@ -12,6 +18,14 @@ __global__ void __launch_bounds__(block_size) run_stage(const __grid_constant__ 
   const uint64_t i = thread_item();
   if (i < n) stage(uint32_t(i));
 }
+
+// Shading in an order of its own: hits of one material lie together.
+struct ShadeSorted {
+  ShadePathVertex stage;
+  const uint32_t *order;
+
+  __device__ void operator()(uint32_t i) const { stage(order[i]); }
+};
 
 // The bits of positive floats are ordered as the floats; what is not a number is not above 0.
 struct FindLargestSample {
@@ -41,13 +55,25 @@ class StreamExecutor {
   template <class Stage>
   void for_each(PathStage id, uint32_t n, const Stage &stage)
   {
+    if constexpr (std::is_same_v<Stage, ShadePathVertex>) {
+      if (memory_.schedule().shading == Shading::Sorted) {
+        const uint32_t *order =
+            launch_sort_hits(scene_.scene, memory_.wave().hits, n, memory_.sort_memory(), memory_.sort_bytes(), stream_);
+        counters_.schedule.sorted_hits += n;
+        launch("path stage 'shade', sorted by material", run_stage<ShadeSorted>, n, stream_,
+               ShadeSorted{stage, order}, n);
+        memory_.clock.mark(stream_, id);
+        return;
+      }
+    }
     launch(stage_names[uint32_t(id)], run_stage<Stage>, n, stream_, stage, n);
     memory_.clock.mark(stream_, id);
   }
 
   void trace_closest(const Ray *rays, Hit *hits, uint32_t n)
   {
-    launch_closest(scene_, rays, n, HitLayout::Internal, hits, stream_);
+    if (ScheduledTracer *tracer = memory_.tracer()) tracer->closest(scene_, rays, n, HitLayout::Internal, hits);
+    else launch_closest(scene_, rays, n, HitLayout::Internal, hits, stream_);
     (is_first_trace_ ? counters_.num_camera_rays : counters_.num_bounce_rays) += n;
     is_first_trace_ = false;
     memory_.clock.mark(stream_, PathStage::Trace);
@@ -55,33 +81,89 @@ class StreamExecutor {
 
   void trace_occluded(const Ray *rays, uint8_t *occluded, uint32_t n)
   {
-    launch_any(scene_, rays, n, occluded, stream_);
+    if (ScheduledTracer *tracer = memory_.tracer()) tracer->any(scene_, rays, n, occluded);
+    else launch_any(scene_, rays, n, occluded, stream_);
     counters_.num_shadow_rays += n;
     memory_.clock.mark(stream_, PathStage::Shadow);
   }
 
   uint32_t compact_rays(const RayQueue &from, uint32_t n, const RayQueue &to)
   {
-    launch_compact_rays(from, n, to, memory_.compaction(), stream_);
+    if (place(from.rays, n)) launch_move_rays(from, n, to, memory_.places(0), stream_);
+    else launch_compact_rays(from, n, to, memory_.compaction(), stream_);
     return kept();
   }
 
   uint32_t compact_shadows(const ShadowQueue &from, uint32_t n, const ShadowQueue &to)
   {
-    launch_compact_shadows(from, n, to, memory_.compaction(), stream_);
+    if (place(from.rays, n)) launch_move_shadows(from, n, to, memory_.places(0), stream_);
+    else launch_compact_shadows(from, n, to, memory_.compaction(), stream_);
     return kept();
   }
 
+  /// The rays that hits begin .. end - 1 make, which are counted before anything is made.
+  struct RayCounts {
+    uint32_t num_shadows, num_next;
+  };
+  RayCounts count_rays(const ShadePathVertex &stage, uint32_t begin, uint32_t end)
+  {
+    uint32_t *totals = memory_.host_numbers() + 2;
+    const Placement shadows = memory_.placement(0), next = memory_.placement(1);
+    launch_count_rays(stage, begin, end, shadows.flags, next.flags, stream_);
+    launch_place(shadows, end - begin, memory_.places(0), totals, stream_);
+    launch_place(next, end - begin, memory_.places(1), totals + 1, stream_);
+    counters_.schedule.compactions += 2;
+    memory_.clock.mark(stream_, PathStage::Shade);
+    synchronize();
+    return {totals[0], totals[1]};
+  }
+
+  void make_rays(const ShadePathVertex &stage, uint32_t begin, uint32_t end, RayCounts counts)
+  {
+    launch_make_rays(stage, begin, end, memory_.places(0), memory_.places(1), stream_);
+    counters_.schedule.counted_rays += uint64_t(counts.num_shadows) + counts.num_next;
+    memory_.clock.mark(stream_, PathStage::Shade);
+  }
+
+  /// Makes the next rays those that are traced, from `begin` on.
+  void take_next_rays(uint32_t begin, uint32_t n)
+  {
+    const PathWave &wave = memory_.wave();
+    copy(wave.rays.rays + begin, wave.next_rays.rays, n);
+    copy(wave.rays.paths + begin, wave.next_rays.paths, n);
+  }
+
+  void count_split() { ++counters_.schedule.wave_splits; }
   bool was_cancelled() const { return was_cancelled_; }
 
- private:
-  // Waits for a compaction. Cancelled: none are kept, and the paths end here.
-  uint32_t kept()
+  /// Waits; true if the job was cancelled meanwhile.
+  bool synchronize()
   {
     check(cudaStreamSynchronize(stream_), "cudaStreamSynchronize");
     if (cancelled_ != nullptr && cancelled_->load(std::memory_order_relaxed)) was_cancelled_ = true;
-    return was_cancelled_ ? 0 : *memory_.compaction().total;
+    return was_cancelled_;
   }
+
+ private:
+  // Finds places for the rays that are there; false if the schedule compacts by blocks.
+  bool place(const Ray *rays, uint32_t n)
+  {
+    if (memory_.schedule().compaction == Compaction::BlockScan) return false;
+    const Placement placement = memory_.placement(0);
+    launch_flag_rays(rays, n, placement.flags, stream_);
+    launch_place(placement, n, memory_.places(0), memory_.compaction().total, stream_);
+    ++counters_.schedule.compactions;
+    return true;
+  }
+
+  template <class T>
+  void copy(T *to, const T *from, uint32_t n)
+  {
+    check(cudaMemcpyAsync(to, from, uint64_t(n) * sizeof(T), cudaMemcpyDeviceToDevice, stream_), "cudaMemcpyAsync");
+  }
+
+  // Waits for a compaction. Cancelled: none are kept, and the paths end here.
+  uint32_t kept() { return synchronize() ? 0 : *memory_.compaction().total; }
 
   const TraceScene &scene_;
   const std::atomic<bool> *cancelled_;
@@ -92,6 +174,95 @@ class StreamExecutor {
   bool was_cancelled_ = false;
 };
 
+// What the uber-kernel of paths and counted generation share with trace_paths: the eye rays' features.
+void add_features(StreamExecutor &exec, const SceneView &scene, const PathSettings &settings, const PathUnit &unit,
+                  const PathWave &wave, const FilmView &film, uint32_t num_paths)
+{
+  if (film.features == nullptr && film.first_hits == nullptr) return;
+  exec.for_each(PathStage::Film, min(film.width * film.height, num_paths),
+                AddFeatures{scene, settings, unit, wave, film, num_paths});
+}
+
+// Paths whose rays are counted before they are made. Hits begin .. end - 1 that would make more rays than the budget
+// are split, and the first half is followed to its end before the second one goes on: what waits keeps its place in the
+// wave, since no hit makes more than one next ray.
+//
+// Source: the talk: count, read back the total, check whether there are resources, then generate.
+void trace_counted_paths(StreamExecutor &exec, const SceneView &scene, const PathSettings &settings,
+                         const PathUnit &unit, const PathWave &wave, const FilmView &film, uint32_t num_paths,
+                         uint64_t ray_budget)
+{
+  struct Part {
+    uint32_t begin, end, depth;
+    bool is_traced;
+  };
+  exec.for_each(PathStage::Generate, num_paths, GenerateCameraRays{settings, unit, wave});
+  std::vector<Part> parts = {{0, num_paths, 1, false}};
+  while (!parts.empty() && !exec.was_cancelled()) {
+    const Part part = parts.back();
+    parts.pop_back();
+    if (!part.is_traced) {
+      exec.trace_closest(wave.rays.rays + part.begin, wave.hits + part.begin, part.end - part.begin);
+      if (part.depth == 1) add_features(exec, scene, settings, unit, wave, film, num_paths);
+    }
+    const ShadePathVertex stage{scene, settings, wave, part.depth};
+    const StreamExecutor::RayCounts counts = exec.count_rays(stage, part.begin, part.end);
+    if (exec.was_cancelled()) break;
+    if (uint64_t(counts.num_shadows) + counts.num_next > ray_budget) {
+      const uint32_t middle = part.begin + (part.end - part.begin) / 2;
+      parts.push_back({middle, part.end, part.depth, true});
+      parts.push_back({part.begin, middle, part.depth, true});
+      exec.count_split();
+      continue;
+    }
+    exec.make_rays(stage, part.begin, part.end, counts);
+    exec.trace_occluded(wave.shadow_queue.rays, wave.occluded, counts.num_shadows);
+    exec.for_each(PathStage::Shadow, counts.num_shadows, AddDirectLight{wave});
+    if (counts.num_next == 0) continue;
+    exec.take_next_rays(part.begin, counts.num_next);
+    parts.push_back({part.begin, part.begin + counts.num_next, part.depth + 1, false});
+  }
+  exec.for_each(PathStage::Film, min(film.width * film.height, num_paths), AddSamples{unit, wave, film, num_paths});
+}
+
+// Paths that one kernel follows from end to end, a few at a time so that a job can be cancelled.
+constexpr uint32_t max_uber_paths = uint32_t(1) << 19;
+
+void trace_uber_paths(StreamExecutor &exec, const TraceScene &scene, const PathSettings &settings,
+                      const PathUnit &unit, const FilmView &film, uint32_t num_paths, WaveMemory &memory,
+                      cudaStream_t stream, WaveCounters &counters)
+{
+  const PathWave &wave = memory.wave();
+  if (film.features != nullptr || film.first_hits != nullptr) {
+    // What the film keeps of eye rays is gathered pixel by pixel, for which all of them must be there at once.
+    exec.for_each(PathStage::Generate, num_paths, GenerateCameraRays{settings, unit, wave});
+    launch_closest(scene, wave.rays.rays, num_paths, HitLayout::Internal, wave.hits, stream);
+    add_features(exec, scene.scene, settings, unit, wave, film, num_paths);
+  }
+  unsigned long long *numbers = memory.uber_numbers();
+  auto *device_counters = reinterpret_cast<UberPathCounters *>(numbers);
+  unsigned long long *pool = numbers + num_uber_numbers - 1;
+  check(cudaMemsetAsync(numbers, 0, num_uber_numbers * sizeof *numbers, stream), "cudaMemsetAsync");
+  for (uint32_t first = 0; first < num_paths; first += max_uber_paths) {
+    check(cudaMemsetAsync(pool, 0, sizeof *pool, stream), "cudaMemsetAsync");
+    const bool is_persistent = memory.schedule().launch == Launch::Persistent;
+    launch_uber_paths(scene, settings, unit, wave, first, min(max_uber_paths, num_paths - first),
+                      {is_persistent ? pool : nullptr}, device_counters, stream);
+    memory.clock.mark(stream, PathStage::Trace);
+    if (exec.synchronize()) return;
+  }
+  UberPathCounters counted{};
+  check(cudaMemcpyAsync(&counted, device_counters, sizeof counted, cudaMemcpyDeviceToHost, stream),
+        "cudaMemcpyAsync");
+  exec.for_each(PathStage::Film, min(film.width * film.height, num_paths), AddSamples{unit, wave, film, num_paths});
+  check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
+  counters.num_camera_rays += num_paths;
+  counters.num_bounce_rays += counted.num_bounce_rays;
+  counters.num_shadow_rays += counted.num_shadow_rays;
+  counters.schedule.ray_refills += counted.ray_refills;
+  counters.schedule.mode_switches += counted.mode_switches;
+}
+
 }  // namespace
 
 bool render_wave(const TraceScene &scene, const PathSettings &settings, const PathUnit &unit,
@@ -99,7 +270,15 @@ bool render_wave(const TraceScene &scene, const PathSettings &settings, const Pa
                  WaveMemory &memory, cudaStream_t stream, WaveCounters &counters)
 {
   StreamExecutor executor(scene, cancelled, memory, stream, counters);
-  trace_paths(executor, scene.scene, settings, unit, memory.wave(), film, num_paths);
+  const Schedule &schedule = memory.schedule();
+  if (schedule.traversal == Traversal::Uber) {
+    trace_uber_paths(executor, scene, settings, unit, film, num_paths, memory, stream, counters);
+  } else if (schedule.generation == Generation::Counted) {
+    trace_counted_paths(executor, scene.scene, settings, unit, memory.wave(), film, num_paths, memory.ray_budget());
+  } else {
+    trace_paths(executor, scene.scene, settings, unit, memory.wave(), film, num_paths);
+  }
+  if (ScheduledTracer *tracer = memory.tracer()) tracer->collect(counters.schedule);
   if (executor.was_cancelled()) return false;
 
   check(cudaMemsetAsync(memory.largest_bits(), 0, sizeof(uint32_t), stream), "cudaMemsetAsync");

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <atomic>
+#include <optional>
 #include <vector>
 
 #include "core/path/path_pipeline.h"
-#include "cuda/accel/kernels.h"
+#include "cuda/accel/schedule/tracer.h"
 #include "cuda/lanes.h"
 #include "cuda/path/compact.h"
+#include "cuda/path/place.h"
 
 namespace gpurt::cuda {
 
@@ -33,23 +35,46 @@ class StageClock {
 /// Memory of one wave, for one lane.
 class WaveMemory {
  public:
-  /// Throws OUT_OF_MEMORY.
-  WaveMemory(const std::shared_ptr<DeviceMemory> &memory, uint32_t capacity);
-  static uint64_t bytes_for(uint32_t capacity);
+  /// For work on a stream by a resolved schedule. Throws OUT_OF_MEMORY.
+  WaveMemory(const std::shared_ptr<DeviceMemory> &memory, uint32_t capacity, const Schedule &schedule,
+             cudaStream_t stream);
+  static uint64_t bytes_for(uint32_t capacity, const Schedule &schedule);
 
   uint32_t capacity() const { return capacity_; }
   const PathWave &wave() const { return wave_; }
   CompactScratch compaction() const;
   /// In device memory: the bits of the largest radiance of a path, 0 at first.
   uint32_t *largest_bits() const { return largest_; }
-  /// In pinned host memory: room for two numbers.
+  const Schedule &schedule() const { return schedule_; }
+  /// Null where the schedule is that of the fused kernels.
+  ScheduledTracer *tracer() { return tracer_ ? &*tracer_ : nullptr; }
+  /// Flags and places of the wave's rays, and what placing works on; the second set is for the next rays of counted
+  /// generation.
+  Placement placement(int set) const
+  {
+    return {schedule_.compaction, placement_memory_, placement_bytes_, flags_[set]};
+  }
+  uint32_t *places(int set) const { return places_[set]; }
+  void *sort_memory() const { return sort_memory_; }
+  uint64_t sort_bytes() const { return sort_bytes_; }
+  /// Rays that counted generation has room for.
+  uint64_t ray_budget() const;
+  /// In device memory: what the uber-kernel of paths counts, and its pool, 0 at first.
+  unsigned long long *uber_numbers() const { return uber_numbers_; }
+  /// In pinned host memory: room for four numbers.
   uint32_t *host_numbers() const { return static_cast<uint32_t *>(pinned_numbers_); }
 
   StageClock clock;
 
  private:
   uint32_t capacity_;
+  Schedule schedule_;
   DeviceBuffer<std::byte> buffer_;
+  std::optional<ScheduledTracer> tracer_;
+  uint32_t *flags_[2] = {}, *places_[2] = {};
+  std::byte *placement_memory_ = nullptr, *sort_memory_ = nullptr;
+  uint64_t placement_bytes_ = 0, sort_bytes_ = 0;
+  unsigned long long *uber_numbers_ = nullptr;
   PathWave wave_{};
   uint32_t *block_counts_ = nullptr;
   uint32_t *largest_ = nullptr;
@@ -62,6 +87,7 @@ struct WaveCounters {
   uint64_t num_camera_rays = 0, num_bounce_rays = 0, num_shadow_rays = 0;
   double stage_seconds[uint32_t(PathStage::Count)] = {};
   float largest_sample = 0;
+  ScheduleCounters schedule;
 };
 
 /// Renders paths 0 .. num_paths - 1 of the unit, at most the wave's capacity, into a film in device memory. Returns

@@ -494,6 +494,67 @@ extern "C" {
 extern "C" {
     pub fn gpurt_scene_import_tree(scene: gpurt_scene, tree: *const gpurt_kdtree) -> gpurt_result;
 }
+pub const GPURT_TRAVERSAL_AUTO: gpurt_traversal = 0;
+pub const GPURT_TRAVERSAL_STACK: gpurt_traversal = 1;
+pub const GPURT_TRAVERSAL_LEAF_LISTS: gpurt_traversal = 2;
+pub const GPURT_TRAVERSAL_UBER: gpurt_traversal = 3;
+pub const GPURT_TRAVERSAL_FORCE32: gpurt_traversal = 2147483647;
+pub type gpurt_traversal = ::std::os::raw::c_uint;
+pub const GPURT_LAUNCH_AUTO: gpurt_launch = 0;
+pub const GPURT_LAUNCH_REGULAR: gpurt_launch = 1;
+pub const GPURT_LAUNCH_PERSISTENT: gpurt_launch = 2;
+pub const GPURT_LAUNCH_FORCE32: gpurt_launch = 2147483647;
+pub type gpurt_launch = ::std::os::raw::c_uint;
+pub const GPURT_FETCH_AUTO: gpurt_fetch = 0;
+pub const GPURT_FETCH_PER_THREAD: gpurt_fetch = 1;
+pub const GPURT_FETCH_PACKETS: gpurt_fetch = 2;
+pub const GPURT_FETCH_FORCE32: gpurt_fetch = 2147483647;
+pub type gpurt_fetch = ::std::os::raw::c_uint;
+pub const GPURT_COMPACTION_AUTO: gpurt_compaction = 0;
+pub const GPURT_COMPACTION_BLOCK_SCAN: gpurt_compaction = 1;
+pub const GPURT_COMPACTION_PYRAMID: gpurt_compaction = 2;
+pub const GPURT_COMPACTION_NAIVE_SCAN: gpurt_compaction = 3;
+pub const GPURT_COMPACTION_LIBRARY_SCAN: gpurt_compaction = 4;
+pub const GPURT_COMPACTION_FORCE32: gpurt_compaction = 2147483647;
+pub type gpurt_compaction = ::std::os::raw::c_uint;
+pub const GPURT_SHADING_AUTO: gpurt_shading = 0;
+pub const GPURT_SHADING_IMMEDIATE: gpurt_shading = 1;
+pub const GPURT_SHADING_SORTED: gpurt_shading = 2;
+pub const GPURT_SHADING_FORCE32: gpurt_shading = 2147483647;
+pub type gpurt_shading = ::std::os::raw::c_uint;
+pub const GPURT_GENERATION_AUTO: gpurt_generation = 0;
+pub const GPURT_GENERATION_SLOTS: gpurt_generation = 1;
+pub const GPURT_GENERATION_COUNTED: gpurt_generation = 2;
+pub const GPURT_GENERATION_FORCE32: gpurt_generation = 2147483647;
+pub type gpurt_generation = ::std::os::raw::c_uint;
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_schedule {
+    pub traversal: gpurt_traversal,
+    pub launch: gpurt_launch,
+    pub fetch: gpurt_fetch,
+    pub compaction: gpurt_compaction,
+    pub shading: gpurt_shading,
+    pub generation: gpurt_generation,
+    pub reserved: [u32; 2usize],
+    pub ray_budget: u64,
+}
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_schedule_counters {
+    pub ray_refills: u64,
+    pub list_rounds: u64,
+    pub list_overflows: u64,
+    pub mode_switches: u64,
+    pub packets: u64,
+    pub shared_triangles: u64,
+    pub compactions: u64,
+    pub sorted_hits: u64,
+    pub counted_rays: u64,
+    pub wave_splits: u64,
+    pub device_ns: u64,
+    pub reserved: [u64; 5usize],
+}
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
 pub struct gpurt_ray {
@@ -543,6 +604,8 @@ pub struct gpurt_trace_desc {
     pub occluded: *mut u8,
     pub offsets: *mut u64,
     pub hit_capacity: u64,
+    pub schedule: gpurt_schedule,
+    pub out_counters: *mut gpurt_schedule_counters,
 }
 extern "C" {
     pub fn gpurt_scene_trace(scene: gpurt_scene, desc: *const gpurt_trace_desc) -> gpurt_result;
@@ -616,6 +679,7 @@ pub struct gpurt_render_desc {
     pub tile_size: u32,
     pub progress: gpurt_progress_fn,
     pub progress_user: *mut ::std::os::raw::c_void,
+    pub schedule: gpurt_schedule,
 }
 extern "C" {
     pub fn gpurt_frame_submit(
@@ -719,6 +783,8 @@ pub struct gpurt_statistics {
     pub largest_sample: f64,
     pub memory_peak_bytes: u64,
     pub reason: [::std::os::raw::c_char; 256usize],
+    pub schedule: gpurt_schedule,
+    pub schedule_counters: gpurt_schedule_counters,
 }
 extern "C" {
     pub fn gpurt_frame_get_statistics(
@@ -748,5 +814,25 @@ extern "C" {
         device: gpurt_device,
         ordinal: u32,
         stream: *mut ::std::os::raw::c_void,
+    ) -> gpurt_result;
+}
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_cuda_kernel {
+    pub name: [::std::os::raw::c_char; 96usize],
+    pub num_launches: u64,
+    pub block_threads: u32,
+    pub registers: u32,
+    pub local_bytes: u32,
+    pub shared_bytes: u32,
+    pub blocks_per_multiprocessor: u32,
+    pub occupancy: f32,
+}
+extern "C" {
+    pub fn gpurt_cuda_get_kernels(
+        device: gpurt_device,
+        kernels: *mut gpurt_cuda_kernel,
+        capacity: u32,
+        out_count: *mut u32,
     ) -> gpurt_result;
 }

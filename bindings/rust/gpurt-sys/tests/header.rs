@@ -191,17 +191,17 @@ macro_rules! with_descriptors {
             gpurt_kdtree { struct_size tree num_nodes num_references num_triangles bounds_min bounds_max nodes
                 references }
             gpurt_trace_desc { struct_size query format storage num_rays rays hits occluded offsets
-                hit_capacity }
+                hit_capacity schedule out_counters }
             gpurt_frame_desc { struct_size width height camera outputs frame_index seed first_sample }
             gpurt_render_desc { struct_size pipeline samples_per_pixel target_error time_limit_s max_depth
-                tile_size progress progress_user }
+                tile_size progress progress_user schedule }
             gpurt_state_info { struct_size width height camera outputs frame_index seed first_sample
                 num_samples scene_hash pipeline accel triangle_test max_depth }
             gpurt_statistics { struct_size pipeline accel triangle_test max_depth tile_size num_threads width
                 height seed samples_per_pixel num_samples num_camera_rays num_bounce_rays num_shadow_rays
                 num_nonfinite num_saturated render_seconds generate_seconds trace_seconds shade_seconds
                 shadow_seconds film_seconds build_seconds estimated_error largest_sample memory_peak_bytes
-                reason }
+                reason schedule schedule_counters }
         }
     };
 }
@@ -216,12 +216,18 @@ fn layouts_and_defaults_agree() {
         gpurt_hit { t u v primitive geometry instance padding }
         gpurt_hit_compact { t u v primitive }
         gpurt_tile { x0 y0 x1 y1 }
+        gpurt_schedule { traversal launch fetch compaction shading generation reserved ray_budget }
+        gpurt_schedule_counters { ray_refills list_rounds list_overflows mode_switches packets shared_triangles
+            compactions sorted_hits counted_rays wave_splits device_ns reserved }
+        gpurt_cuda_kernel { name num_launches block_threads registers local_bytes shared_bytes
+            blocks_per_multiprocessor occupancy }
     }
     with_descriptors!(layouts, layouts);
     with_descriptors!(defaults, layouts);
     let source = format!(
         r#"#include <stdio.h>
 #include "gpurt.h"
+#include "gpurt_cuda.h"
 static void show(const char *name, const void *value, size_t size)
 {{
   printf("%s ", name);

@@ -90,7 +90,7 @@ impl RenderDesc {
         self
     }
 
-    /// Edge of the square work unit in pixels; 0: the library's choice; at most 128. Changes no bits.
+    /// Edge of the square work unit in pixels; 0: the library's choice; at most 256. Changes no bits.
     pub fn tile_size(mut self, pixels: u32) -> Self {
         self.tile_size = pixels;
         self

@@ -1,0 +1,159 @@
+#include "cuda/accel/schedule/tracer.h"
+
+#include <algorithm>
+
+#include "error.h"
+
+namespace gpurt::cuda {
+namespace {
+
+constexpr uint64_t num_counters = sizeof(DeviceCounters) / sizeof(unsigned long long);
+constexpr uint64_t pool_number = num_counters, active_number = num_counters + 1, num_numbers = num_counters + 2;
+
+// Rays whose lists are in memory together: enough to fill the device, a quarter of a gigabyte.
+constexpr uint64_t max_list_rays = uint64_t(1) << 18, min_list_rays = uint64_t(1) << 12;
+
+// Lays arrays out one behind the other.
+class Layout {
+ public:
+  explicit Layout(std::byte *base) : base_(base) {}
+  template <class T>
+  T *take(uint64_t count)
+  {
+    T *p = base_ == nullptr ? nullptr : reinterpret_cast<T *>(base_ + bytes_);
+    bytes_ += (count * sizeof(T) + 255) / 256 * 256;
+    return p;
+  }
+  uint64_t bytes() const { return bytes_; }
+
+ private:
+  std::byte *base_;
+  uint64_t bytes_ = 0;
+};
+
+uint64_t lay_out(std::byte *base, uint32_t n, LeafListState &state)
+{
+  Layout layout(base);
+  state.capacity = n;
+  state.stacks = layout.take<KdEntry>(uint64_t(n) * kd_max_depth);
+  state.leaves = layout.take<ListedLeaf>(uint64_t(n) * leaf_list_size);
+  state.num_todo = layout.take<uint32_t>(n);
+  state.num_leaves = layout.take<uint32_t>(n);
+  state.hits = layout.take<Hit>(n);
+  for (uint32_t *&active : state.active) active = layout.take<uint32_t>(n);
+  return layout.bytes();
+}
+
+}  // namespace
+
+bool is_fused(const Schedule &s)
+{
+  return s.traversal == Traversal::Stack && s.launch == Launch::Regular && s.fetch == Fetch::PerThread;
+}
+
+ScheduledTracer::ScheduledTracer(const Schedule &schedule, const std::shared_ptr<DeviceMemory> &memory,
+                                 uint64_t max_rays, cudaStream_t stream)
+    : schedule_(schedule), stream_(stream)
+{
+  numbers_ = DeviceBuffer<unsigned long long>(memory, num_numbers, "counters of a schedule");
+  check(cudaMemsetAsync(numbers_.data(), 0, numbers_.bytes(), stream_), "cudaMemsetAsync");
+  if (schedule_.traversal != Traversal::LeafLists) return;
+  uint64_t capacity = std::clamp<uint64_t>(max_rays, 1, max_list_rays);
+  for (;;) {
+    LeafListState state;
+    try {
+      lists_ = DeviceBuffer<std::byte>(memory, lay_out(nullptr, uint32_t(capacity), state), "lists of leaves");
+      break;
+    } catch (const Error &e) {
+      if (e.result() != GPURT_ERROR_OUT_OF_MEMORY || capacity <= min_list_rays) throw;
+      capacity = std::max(capacity / 2, min_list_rays);
+    }
+  }
+  list_capacity_ = uint32_t(capacity);
+}
+
+RayPool ScheduledTracer::next_pool()
+{
+  if (schedule_.launch != Launch::Persistent) return {nullptr};
+  unsigned long long *pool = numbers_.data() + pool_number;
+  check(cudaMemsetAsync(pool, 0, sizeof *pool, stream_), "cudaMemsetAsync");
+  return {pool};
+}
+
+void ScheduledTracer::trace_lists(const TraceScene &scene, const RayBatch &batch)
+{
+  auto *counters = reinterpret_cast<DeviceCounters *>(numbers_.data());
+  LeafListState state;
+  lay_out(lists_.data(), list_capacity_, state);
+  state.num_active = numbers_.data() + active_number;
+  uint64_t num_active = batch.num_rays;
+  for (bool is_first = true; num_active != 0; is_first = false) {
+    launch_select_leaves(scene, batch, state, uint32_t(num_active), is_first, next_pool(), counters, stream_);
+    check(cudaMemsetAsync(state.num_active, 0, sizeof *state.num_active, stream_), "cudaMemsetAsync");
+    launch_intersect_leaves(scene, batch, state, uint32_t(num_active), is_first, next_pool(), counters, stream_);
+    ++num_rounds_;
+    unsigned long long left = 0;
+    check(cudaMemcpyAsync(&left, state.num_active, sizeof left, cudaMemcpyDeviceToHost, stream_),
+          "cudaMemcpyAsync");
+    check(cudaStreamSynchronize(stream_), "cudaStreamSynchronize");
+    num_active = left;
+    std::swap(state.active[0], state.active[1]);
+  }
+  launch_finish_lists(scene, batch, state, stream_);
+}
+
+void ScheduledTracer::trace(const TraceScene &scene, const RayBatch &batch)
+{
+  if (batch.num_rays == 0) return;
+  auto *counters = reinterpret_cast<DeviceCounters *>(numbers_.data());
+  switch (schedule_.traversal) {
+    case Traversal::LeafLists: {
+      const uint64_t hit_bytes = batch.layout == HitLayout::Internal  ? sizeof(Hit)
+                                 : batch.layout == HitLayout::Compact ? sizeof(CompactHit)
+                                                                      : sizeof(FullHit);
+      for (uint64_t first = 0; first < batch.num_rays; first += list_capacity_) {
+        RayBatch part = batch;
+        part.rays += first;
+        part.num_rays = std::min<uint64_t>(list_capacity_, batch.num_rays - first);
+        if (part.hits != nullptr) part.hits = static_cast<std::byte *>(batch.hits) + first * hit_bytes;
+        if (part.occluded != nullptr) part.occluded += first;
+        trace_lists(scene, part);
+      }
+      return;
+    }
+    case Traversal::Uber:
+      return launch_uber(scene, batch, next_pool(), counters, stream_);
+    default:
+      if (schedule_.fetch == Fetch::Packets) return launch_packets(scene, batch, next_pool(), counters, stream_);
+      return launch_persistent_stack(scene, batch, next_pool(), counters, stream_);
+  }
+}
+
+void ScheduledTracer::closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays, HitLayout layout,
+                              void *hits)
+{
+  trace(scene, {rays, num_rays, layout, hits, nullptr});
+}
+
+void ScheduledTracer::any(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint8_t *occluded)
+{
+  trace(scene, {rays, num_rays, HitLayout::Internal, nullptr, occluded});
+}
+
+void ScheduledTracer::collect(ScheduleCounters &sum)
+{
+  DeviceCounters counters{};
+  check(cudaMemcpyAsync(&counters, numbers_.data(), sizeof counters, cudaMemcpyDeviceToHost, stream_),
+        "cudaMemcpyAsync");
+  check(cudaMemsetAsync(numbers_.data(), 0, sizeof counters, stream_), "cudaMemsetAsync");
+  check(cudaStreamSynchronize(stream_), "cudaStreamSynchronize");
+  sum.ray_refills += counters.ray_refills;
+  sum.list_overflows += counters.list_overflows;
+  sum.mode_switches += counters.mode_switches;
+  sum.packets += counters.packets;
+  sum.shared_triangles += counters.shared_triangles;
+  sum.list_rounds += num_rounds_;
+  num_rounds_ = 0;
+}
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,45 @@
+// Traces rays in device memory by a schedule: its memory, its launches, its counters. Serves one lane.
+#pragma once
+
+#include "cuda/accel/schedule/kernels.h"
+#include "cuda/device_memory.h"
+#include "schedule.h"
+
+namespace gpurt::cuda {
+
+/// Whether the fused kernels of closest.cu and any.cu serve a resolved schedule.
+bool is_fused(const Schedule &schedule);
+
+/// For schedules that they do not serve.
+class ScheduledTracer {
+ public:
+  /// Takes memory for batches of up to max_rays; larger ones are cut. Throws OUT_OF_MEMORY. `schedule` is resolved.
+  ScheduledTracer(const Schedule &schedule, const std::shared_ptr<DeviceMemory> &memory, uint64_t max_rays,
+                  cudaStream_t stream);
+
+  /// Queue work on the stream that the tracer was made for; leaf lists also wait for it, once a round.
+  void closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays, HitLayout layout, void *hits);
+  void any(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint8_t *occluded);
+
+  /// Adds what was counted since the last call; waits for the stream.
+  void collect(ScheduleCounters &sum);
+
+ private:
+  RayPool next_pool();
+  void trace(const TraceScene &scene, const RayBatch &batch);
+  void trace_lists(const TraceScene &scene, const RayBatch &batch);
+
+  const Schedule schedule_;
+  const cudaStream_t stream_;
+  // What is counted, the pool of persistent threads, and the number of active rays.
+  DeviceBuffer<unsigned long long> numbers_;
+  DeviceBuffer<std::byte> lists_;
+  uint32_t list_capacity_ = 0;
+  uint64_t num_rounds_ = 0;
+};
+
+/// The schedule with values for what was left to the library. Throws UNSUPPORTED naming what the scene's accelerator, its
+/// triangle test or the use does not have.
+Schedule resolve_schedule(const Schedule &asked, ScheduleUse use, const TraceScene &scene);
+
+}  // namespace gpurt::cuda

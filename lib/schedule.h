@@ -1,0 +1,62 @@
+// How a CUDA device goes about its work: the values of gpurt_schedule, and what is counted on the way.
+#pragma once
+
+#include <cstdint>
+
+namespace gpurt {
+
+enum class Traversal : uint32_t { Auto = 0, Stack = 1, LeafLists = 2, Uber = 3 };
+enum class Launch : uint32_t { Auto = 0, Regular = 1, Persistent = 2 };
+enum class Fetch : uint32_t { Auto = 0, PerThread = 1, Packets = 2 };
+enum class Compaction : uint32_t { Auto = 0, BlockScan = 1, Pyramid = 2, NaiveScan = 3, LibraryScan = 4 };
+enum class Shading : uint32_t { Auto = 0, Immediate = 1, Sorted = 2 };
+enum class Generation : uint32_t { Auto = 0, Slots = 1, Counted = 2 };
+
+/// gpurt_schedule after validation.
+struct Schedule {
+  Traversal traversal = Traversal::Auto;
+  Launch launch = Launch::Auto;
+  Fetch fetch = Fetch::Auto;
+  Compaction compaction = Compaction::Auto;
+  Shading shading = Shading::Auto;
+  Generation generation = Generation::Auto;
+  uint64_t ray_budget = 0;
+};
+
+/// Puts `value` for Auto.
+template <class E>
+void set_default(E &choice, E value)
+{
+  if (choice == E::Auto) choice = value;
+}
+
+/// gpurt_schedule_counters, without what is reserved.
+struct ScheduleCounters {
+  uint64_t ray_refills = 0, list_rounds = 0, list_overflows = 0, mode_switches = 0, packets = 0,
+           shared_triangles = 0, compactions = 0, sorted_hits = 0, counted_rays = 0, wave_splits = 0,
+           device_ns = 0;
+
+  void add(const ScheduleCounters &other)
+  {
+    ray_refills += other.ray_refills;
+    list_rounds += other.list_rounds;
+    list_overflows += other.list_overflows;
+    mode_switches += other.mode_switches;
+    packets += other.packets;
+    shared_triangles += other.shared_triangles;
+    compactions += other.compactions;
+    sorted_hits += other.sorted_hits;
+    counted_rays += other.counted_rays;
+    wave_splits += other.wave_splits;
+    device_ns += other.device_ns;
+  }
+};
+
+/// What a schedule is for.
+enum class ScheduleUse { Query, AllHitsQuery, StreamQuery, Render };
+
+/// The schedule of a device that has no other: the fused traversal, a ray a thread, shading as rays lie. Throws
+/// UNSUPPORTED naming the first choice that differs; `device` is what the text calls it.
+Schedule resolve_fused_schedule(const Schedule &asked, const char *device);
+
+}  // namespace gpurt
