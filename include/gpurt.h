@@ -607,7 +607,7 @@ typedef enum gpurt_launch {
 typedef enum gpurt_fetch {
   GPURT_FETCH_AUTO = 0,
   GPURT_FETCH_PER_THREAD = 1, /* every thread loads the triangles that it tests */
-  GPURT_FETCH_PACKETS = 2,    /* kdtree: a warp's rays traverse together and share triangles in shared memory */
+  GPURT_FETCH_PACKETS = 2, /* kdtree: a warp's rays traverse together and share triangles in shared memory */
   GPURT_FETCH_FORCE32 = 0x7fffffff
 } gpurt_fetch;
 
@@ -650,14 +650,8 @@ typedef struct gpurt_schedule {
                            memory holds; else at least 2 */
 } gpurt_schedule;
 #define GPURT_SCHEDULE_INIT \
-  {GPURT_TRAVERSAL_AUTO, \
-   GPURT_LAUNCH_AUTO, \
-   GPURT_FETCH_AUTO, \
-   GPURT_COMPACTION_AUTO, \
-   GPURT_SHADING_AUTO, \
-   GPURT_GENERATION_AUTO, \
-   {0, 0}, \
-   0}
+  {GPURT_TRAVERSAL_AUTO, GPURT_LAUNCH_AUTO,     GPURT_FETCH_AUTO, GPURT_COMPACTION_AUTO, \
+   GPURT_SHADING_AUTO,   GPURT_GENERATION_AUTO, {0, 0},           0}
 
 /** What schedules did. */
 typedef struct gpurt_schedule_counters {
@@ -725,7 +719,8 @@ typedef struct gpurt_trace_desc {
   uint64_t *offsets;     /* ALL: [num_rays + 1]; ray i has hits offsets[i] .. offsets[i + 1]; else NULL */
   uint64_t hit_capacity; /* ALL: elements that hits has room for */
   gpurt_schedule schedule;
-  gpurt_schedule_counters *out_counters; /* host memory, written where the call succeeds; NULL: not wanted. Chunks of
+  gpurt_schedule_counters
+      *out_counters; /* host memory, written where the call succeeds; NULL: not wanted. Chunks of
                                             rays in host memory then go one after another */
 } gpurt_trace_desc;
 #define GPURT_TRACE_DESC_INIT \
@@ -941,9 +936,10 @@ typedef struct gpurt_statistics {
   double estimated_error; /* relMSE of the frame, from two independent halves; negative: not known */
   double largest_sample;  /* largest radiance of a single sample */
   uint64_t memory_peak_bytes;
-  char reason[256]; /* why settings were chosen */
+  char reason[256];        /* why settings were chosen */
   gpurt_schedule schedule; /* of the last job, resolved */
-  gpurt_schedule_counters schedule_counters; /* over all jobs of the frame; a saved state does not keep them */
+  gpurt_schedule_counters
+      schedule_counters; /* over all jobs of the frame; a saved state does not keep them */
 } gpurt_statistics;
 #define GPURT_STATISTICS_INIT \
   {sizeof(gpurt_statistics), \

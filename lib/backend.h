@@ -110,7 +110,7 @@ struct RenderPass {
   PathSettings settings;
   uint32_t outputs = 0;  // bits 1 << gpurt_output that the film has arrays for
   std::span<const WorkUnit> units;
-  Schedule schedule;  // resolved
+  Schedule schedule;                             // resolved
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
   /// Takes the finished samples of a unit; called from any thread. A unit is delivered whole or not at all.
   std::function<void(const WorkUnit &, const TileFilm &, const RenderCounters &)> deliver;

@@ -9,9 +9,8 @@ namespace gpurt {
 /// Of a descriptor whose enums are known to hold values of theirs.
 inline Schedule schedule_from(const gpurt_schedule &d)
 {
-  return {Traversal(d.traversal),   Launch(d.launch),   Fetch(d.fetch),
-          Compaction(d.compaction), Shading(d.shading), Generation(d.generation),
-          d.ray_budget};
+  return {Traversal(d.traversal), Launch(d.launch),         Fetch(d.fetch), Compaction(d.compaction),
+          Shading(d.shading),     Generation(d.generation), d.ray_budget};
 }
 
 inline gpurt_schedule describe(const Schedule &s)

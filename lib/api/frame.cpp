@@ -67,8 +67,7 @@ gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc
     check_enum(d.pipeline, GPURT_PIPELINE_HYBRID + 1, "pipeline", "gpurt_pipeline");
     const Schedule asked = checked_schedule(d.schedule);
     RenderPlan plan = plan_render(d);
-    plan.desc.schedule =
-        describe(f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
+    plan.desc.schedule = describe(f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
     const auto object = std::make_shared<JobObject>();
     object->frame = f;
     object->job = Job::submit(f->frame, plan.desc, checked_tiles(tiles, num_tiles));

@@ -42,16 +42,20 @@ static_assert(same(TexelFormat::Rgba32f, GPURT_TEXTURE_RGBA32F));
 static_assert(same(Wrap::Repeat, GPURT_WRAP_REPEAT) && same(Wrap::Clamp, GPURT_WRAP_CLAMP));
 static_assert(same(Wrap::Mirror, GPURT_WRAP_MIRROR));
 static_assert(same(invalid_id, GPURT_INVALID_ID));
-static_assert(same(Traversal::Stack, GPURT_TRAVERSAL_STACK) && same(Traversal::LeafLists, GPURT_TRAVERSAL_LEAF_LISTS));
+static_assert(same(Traversal::Stack, GPURT_TRAVERSAL_STACK) &&
+              same(Traversal::LeafLists, GPURT_TRAVERSAL_LEAF_LISTS));
 static_assert(same(Traversal::Uber, GPURT_TRAVERSAL_UBER));
-static_assert(same(Launch::Regular, GPURT_LAUNCH_REGULAR) && same(Launch::Persistent, GPURT_LAUNCH_PERSISTENT));
+static_assert(same(Launch::Regular, GPURT_LAUNCH_REGULAR) &&
+              same(Launch::Persistent, GPURT_LAUNCH_PERSISTENT));
 static_assert(same(Fetch::PerThread, GPURT_FETCH_PER_THREAD) && same(Fetch::Packets, GPURT_FETCH_PACKETS));
 static_assert(same(Compaction::BlockScan, GPURT_COMPACTION_BLOCK_SCAN) &&
               same(Compaction::Pyramid, GPURT_COMPACTION_PYRAMID));
 static_assert(same(Compaction::NaiveScan, GPURT_COMPACTION_NAIVE_SCAN) &&
               same(Compaction::LibraryScan, GPURT_COMPACTION_LIBRARY_SCAN));
-static_assert(same(Shading::Immediate, GPURT_SHADING_IMMEDIATE) && same(Shading::Sorted, GPURT_SHADING_SORTED));
-static_assert(same(Generation::Slots, GPURT_GENERATION_SLOTS) && same(Generation::Counted, GPURT_GENERATION_COUNTED));
+static_assert(same(Shading::Immediate, GPURT_SHADING_IMMEDIATE) &&
+              same(Shading::Sorted, GPURT_SHADING_SORTED));
+static_assert(same(Generation::Slots, GPURT_GENERATION_SLOTS) &&
+              same(Generation::Counted, GPURT_GENERATION_COUNTED));
 
 }  // namespace
 }  // namespace gpurt::api

@@ -16,7 +16,9 @@ Schedule checked_schedule(const gpurt_schedule &d)
   check_reserved(d.reserved[0], "schedule.reserved[0]");
   check_reserved(d.reserved[1], "schedule.reserved[1]");
   if (d.ray_budget == 1) {
-    fail_invalid("schedule.ray_budget is 1, but a hit makes up to two rays; give 2 or more, or 0 for what memory holds");
+    fail_invalid(
+        "schedule.ray_budget is 1, but a hit makes up to two rays; give 2 or more, or 0 for what memory "
+        "holds");
   }
   return schedule_from(d);
 }

@@ -16,8 +16,8 @@ constexpr unsigned block_size = 128;
 
 /// Runs kernel(args...) in blocks of a size of their own; `name` is what an error calls it.
 template <class... Parameters, class... Arguments>
-void launch_blocks(const char *name, void (*kernel)(Parameters...), unsigned num_blocks, unsigned block_threads,
-                   cudaStream_t stream, const Arguments &...arguments)
+void launch_blocks(const char *name, void (*kernel)(Parameters...), unsigned num_blocks,
+                   unsigned block_threads, cudaStream_t stream, const Arguments &...arguments)
 {
   kernel<<<num_blocks, block_threads, 0, stream>>>(arguments...);
   check(cudaGetLastError(), name);
@@ -47,7 +47,8 @@ void launch_persistent(const char *name, void (*kernel)(Parameters...), uint64_t
         "cudaOccupancyMaxActiveBlocksPerMultiprocessor");
   const uint64_t resident = uint64_t(num_multiprocessors) * unsigned(blocks > 0 ? blocks : 1);
   const uint64_t needed = (n + block_size - 1) / block_size;
-  launch_blocks(name, kernel, unsigned(needed < resident ? needed : resident), block_size, stream, arguments...);
+  launch_blocks(name, kernel, unsigned(needed < resident ? needed : resident), block_size, stream,
+                arguments...);
 }
 
 // The item of this thread.

@@ -122,10 +122,10 @@ class Frame {
   mutable std::vector<std::mutex> bands_;
   mutable std::mutex sets_mutex_;
   mutable std::mutex totals_mutex_;
-  uint64_t generation_ = 0;      // counts changes of the film; under totals_mutex_
-  uint32_t last_tile_size_ = 0;  // under totals_mutex_
+  uint64_t generation_ = 0;                             // counts changes of the film; under totals_mutex_
+  uint32_t last_tile_size_ = 0;                         // under totals_mutex_
   gpurt_schedule last_schedule_ = GPURT_SCHEDULE_INIT;  // under totals_mutex_
-  std::string reason_;           // under totals_mutex_
+  std::string reason_;                                  // under totals_mutex_
 
   // Jobs in the order of their submission: the first one renders. The film changes by it and by merging alone,
   // and merging refuses to run while there are jobs.

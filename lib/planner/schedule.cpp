@@ -10,7 +10,8 @@ void expect_plain(E asked, E plain, const char *field, const char *plain_name, c
 {
   if (asked == E::Auto || asked == plain) return;
   fail(GPURT_ERROR_UNSUPPORTED,
-       "schedule.{} is {}, which schedules kernels of CUDA devices; {} has {} alone: use that, or leave it AUTO",
+       "schedule.{} is {}, which schedules kernels of CUDA devices; {} has {} alone: use that, or leave it "
+       "AUTO",
        field, uint32_t(asked), device, plain_name);
 }
 
@@ -26,11 +27,17 @@ Schedule resolve_fused_schedule(const Schedule &asked, const char *device)
   expect_plain(asked.generation, Generation::Slots, "generation", "GPURT_GENERATION_SLOTS", device);
   if (asked.ray_budget != 0) {
     fail(GPURT_ERROR_UNSUPPORTED,
-         "schedule.ray_budget is {}, but it bounds GPURT_GENERATION_COUNTED, which {} does not have; set it to 0",
+         "schedule.ray_budget is {}, but it bounds GPURT_GENERATION_COUNTED, which {} does not have; set it "
+         "to 0",
          asked.ray_budget, device);
   }
-  return {Traversal::Stack,      Launch::Regular,    Fetch::PerThread, Compaction::BlockScan,
-          Shading::Immediate, Generation::Slots, 0};
+  return {Traversal::Stack,
+          Launch::Regular,
+          Fetch::PerThread,
+          Compaction::BlockScan,
+          Shading::Immediate,
+          Generation::Slots,
+          0};
 }
 
 }  // namespace gpurt

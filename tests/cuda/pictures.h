@@ -32,7 +32,7 @@ inline void fill_cornell_box(gpurt_scene scene)
 }
 
 inline uint32_t add_texture(gpurt_scene scene, gpurt_texture_format format, uint32_t width, uint32_t height,
-                     const void *texels, gpurt_wrap wrap, gpurt_filter filter)
+                            const void *texels, gpurt_wrap wrap, gpurt_filter filter)
 {
   gpurt_texture_desc desc = GPURT_TEXTURE_DESC_INIT;
   desc.format = format;
@@ -205,7 +205,8 @@ inline gpurt_statistics statistics(gpurt_frame frame)
   return s;
 }
 
-inline Scene make_scene(gpurt_device device, void (*fill)(gpurt_scene), gpurt_accel accel = GPURT_ACCEL_KDTREE)
+inline Scene make_scene(gpurt_device device, void (*fill)(gpurt_scene),
+                        gpurt_accel accel = GPURT_ACCEL_KDTREE)
 {
   Scene scene;
   GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));

@@ -73,20 +73,32 @@ std::vector<QuerySchedule> query_schedules()
   const auto regular = GPURT_LAUNCH_REGULAR;
   const auto persistent = GPURT_LAUNCH_PERSISTENT;
   return {
-      {"persistent", make_schedule(GPURT_TRAVERSAL_STACK, persistent), {&Counters::ray_refills},
+      {"persistent",
+       make_schedule(GPURT_TRAVERSAL_STACK, persistent),
+       {&Counters::ray_refills},
        "kernel of persistent threads with stacks"},
-      {"leaf lists", make_schedule(GPURT_TRAVERSAL_LEAF_LISTS, regular),
-       {&Counters::list_rounds, &Counters::list_overflows}, "kernel that selects leaves"},
-      {"leaf lists, persistent", make_schedule(GPURT_TRAVERSAL_LEAF_LISTS, persistent),
+      {"leaf lists",
+       make_schedule(GPURT_TRAVERSAL_LEAF_LISTS, regular),
+       {&Counters::list_rounds, &Counters::list_overflows},
+       "kernel that selects leaves"},
+      {"leaf lists, persistent",
+       make_schedule(GPURT_TRAVERSAL_LEAF_LISTS, persistent),
        {&Counters::list_rounds, &Counters::list_overflows, &Counters::ray_refills},
        "kernel that tests listed leaves, persistent threads"},
-      {"uber", make_schedule(GPURT_TRAVERSAL_UBER, regular), {&Counters::mode_switches},
+      {"uber",
+       make_schedule(GPURT_TRAVERSAL_UBER, regular),
+       {&Counters::mode_switches},
        "uber-kernel of a query"},
-      {"uber, persistent", make_schedule(GPURT_TRAVERSAL_UBER, persistent),
-       {&Counters::mode_switches, &Counters::ray_refills}, "uber-kernel of a query, persistent threads"},
-      {"packets", make_schedule(GPURT_TRAVERSAL_STACK, regular, GPURT_FETCH_PACKETS),
-       {&Counters::packets, &Counters::shared_triangles}, "kernel of packets"},
-      {"packets, persistent", make_schedule(GPURT_TRAVERSAL_STACK, persistent, GPURT_FETCH_PACKETS),
+      {"uber, persistent",
+       make_schedule(GPURT_TRAVERSAL_UBER, persistent),
+       {&Counters::mode_switches, &Counters::ray_refills},
+       "uber-kernel of a query, persistent threads"},
+      {"packets",
+       make_schedule(GPURT_TRAVERSAL_STACK, regular, GPURT_FETCH_PACKETS),
+       {&Counters::packets, &Counters::shared_triangles},
+       "kernel of packets"},
+      {"packets, persistent",
+       make_schedule(GPURT_TRAVERSAL_STACK, persistent, GPURT_FETCH_PACKETS),
        {&Counters::packets, &Counters::shared_triangles, &Counters::ray_refills},
        "kernel of packets, persistent threads"},
   };
@@ -197,8 +209,7 @@ TEST(CudaSchedules, ThatDoNotExistAreRefusedWithARemedy)
   sorted.shading = GPURT_SHADING_SORTED;
   expect_refused(scene, GPURT_QUERY_CLOSEST, sorted, "shading");
   commit(scene, GPURT_ACCEL_BVH);
-  expect_refused(scene, GPURT_QUERY_CLOSEST, make_schedule(GPURT_TRAVERSAL_LEAF_LISTS),
-                 "GPURT_ACCEL_KDTREE");
+  expect_refused(scene, GPURT_QUERY_CLOSEST, make_schedule(GPURT_TRAVERSAL_LEAF_LISTS), "GPURT_ACCEL_KDTREE");
   commit(scene, GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_DOUBLE);
   expect_refused(scene, GPURT_QUERY_CLOSEST, make_schedule(GPURT_TRAVERSAL_LEAF_LISTS),
                  "GPURT_TRIANGLE_WATERTIGHT");
@@ -212,17 +223,19 @@ std::vector<QuerySchedule> render_schedules(gpurt_accel accel)
     all = query_schedules();
     std::erase_if(all, [](const QuerySchedule &q) { return q.schedule.traversal == GPURT_TRAVERSAL_UBER; });
   }
-  const auto add = [&](const char *name, std::vector<uint64_t Counters::*> counts, const char *kernel, auto change) {
+  const auto add = [&](const char *name, std::vector<uint64_t Counters::*> counts, const char *kernel,
+                       auto change) {
     gpurt_schedule s = GPURT_SCHEDULE_INIT;
     change(s);
     all.push_back({name, s, std::move(counts), kernel});
   };
   add("uber", {&Counters::mode_switches}, "uber-kernel of paths",
       [](auto &s) { s.traversal = GPURT_TRAVERSAL_UBER; });
-  add("uber, persistent", {&Counters::mode_switches, &Counters::ray_refills}, "uber-kernel of paths", [](auto &s) {
-    s.traversal = GPURT_TRAVERSAL_UBER;
-    s.launch = GPURT_LAUNCH_PERSISTENT;
-  });
+  add("uber, persistent", {&Counters::mode_switches, &Counters::ray_refills}, "uber-kernel of paths",
+      [](auto &s) {
+        s.traversal = GPURT_TRAVERSAL_UBER;
+        s.launch = GPURT_LAUNCH_PERSISTENT;
+      });
   add("pyramid", {&Counters::compactions}, "kernel that goes down a histogram pyramid",
       [](auto &s) { s.compaction = GPURT_COMPACTION_PYRAMID; });
   add("naive scan", {&Counters::compactions}, "kernel of the naive scan",

@@ -90,7 +90,8 @@ std::vector<gpurt_cuda_kernel> list_kernels(gpurt_device device)
   return kernels;
 }
 
-std::vector<gpurt_cuda_kernel> kernels_since(gpurt_device device, const std::vector<gpurt_cuda_kernel> &before)
+std::vector<gpurt_cuda_kernel> kernels_since(gpurt_device device,
+                                             const std::vector<gpurt_cuda_kernel> &before)
 {
   std::vector<gpurt_cuda_kernel> ran;
   const std::vector<gpurt_cuda_kernel> now = list_kernels(device);
@@ -144,8 +145,8 @@ std::string counters_text(const gpurt_schedule_counters &c)
 
 struct Measured {
   bool exists = true;
-  std::string reason;  // why it does not
-  double seconds = 0;  // median
+  std::string reason;                                               // why it does not
+  double seconds = 0;                                               // median
   gpurt_schedule_counters counters = GPURT_SCHEDULE_COUNTERS_INIT;  // of one run
   std::vector<gpurt_cuda_kernel> kernels;
   std::vector<unsigned char> result;
@@ -158,8 +159,8 @@ double median(std::vector<double> values)
 }
 
 // Time on the device: what the kernels take, with what the host does between them.
-Measured measure_query(gpurt_device device, gpurt_scene scene, const RaySet &set, const gpurt_schedule &schedule,
-                       uint32_t repeats)
+Measured measure_query(gpurt_device device, gpurt_scene scene, const RaySet &set,
+                       const gpurt_schedule &schedule, uint32_t repeats)
 {
   Measured m;
   const bool is_any = set.query == GPURT_QUERY_ANY;
@@ -201,8 +202,9 @@ Measured measure_render(gpurt_device device, gpurt_scene scene, const ScheduleOp
   gpurt_camera_desc camera = GPURT_CAMERA_DESC_INIT;
   check(gpurt_scene_get_camera(scene, o.rays.camera, &camera));
   if (frame_desc.height == 0) {
-    frame_desc.height = camera.width ? std::max(1u, uint32_t(uint64_t(frame_desc.width) * camera.height / camera.width))
-                                     : frame_desc.width;
+    frame_desc.height =
+        camera.width ? std::max(1u, uint32_t(uint64_t(frame_desc.width) * camera.height / camera.width))
+                     : frame_desc.width;
   }
   gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
   desc.samples_per_pixel = o.samples;
@@ -250,13 +252,15 @@ std::string kernels_text(const std::vector<gpurt_cuda_kernel> &kernels)
 
 class Report {
  public:
-  Report(const ScheduleOptions &o, const gpurt_device_properties &properties) : o_(o), properties_(properties) {}
+  Report(const ScheduleOptions &o, const gpurt_device_properties &properties) : o_(o), properties_(properties)
+  {}
 
   void begin(const char *what, const char *unit)
   {
     has_reference_ = false;
     what_ = what;
-    if (!o_.json) fmt::print("\n{:<28} {:>12} {:>8} {:>6}   {}\n", what, unit, "x first", "talk", "kernels; counted");
+    if (!o_.json)
+      fmt::print("\n{:<28} {:>12} {:>8} {:>6}   {}\n", what, unit, "x first", "talk", "kernels; counted");
   }
 
   void add(const NamedSchedule &s, const Measured &m, double work)
@@ -277,8 +281,8 @@ class Report {
     if (o_.json) {
       Json kernels = Json::array();
       for (const gpurt_cuda_kernel &k : m.kernels) kernels.push_back(to_json(k));
-      Json line = {{"schedule", s.name},   {"millions_per_second", rate}, {"seconds", m.seconds},
-                   {"x_first", factor},    {"same_bits", same},           {"counters", to_json(m.counters)},
+      Json line = {{"schedule", s.name}, {"millions_per_second", rate}, {"seconds", m.seconds},
+                   {"x_first", factor},  {"same_bits", same},           {"counters", to_json(m.counters)},
                    {"kernels", kernels}};
       if (s.talk != 0) line["talk_x"] = s.talk;
       print(std::move(line));
@@ -296,8 +300,11 @@ class Report {
  private:
   void print(Json line)
   {
-    Json all = {{"scene", o_.scene},   {"device", properties_.name}, {"accel", o_.accel},
-                {"repeats", o_.repeats}, {"what", what_}};
+    Json all = {{"scene", o_.scene},
+                {"device", properties_.name},
+                {"accel", o_.accel},
+                {"repeats", o_.repeats},
+                {"what", what_}};
     all.update(line);
     fmt::print("{}\n", all.dump());
     std::fflush(stdout);
@@ -337,7 +344,8 @@ class SceneFile {
 void run(ScheduleOptions o)
 {
   if (o.device.device == "cpu")
-    fail_usage("bench schedule compares schedules of CUDA devices, and the CPU device has one; use --device cuda");
+    fail_usage(
+        "bench schedule compares schedules of CUDA devices, and the CPU device has one; use --device cuda");
   const SceneFile file(o);
   const Device device = o.device.create(GPURT_DEVICE_CUDA);
   const gpurt_device_properties properties = properties_of(device);
@@ -348,7 +356,8 @@ void run(ScheduleOptions o)
   commit(scene, build);
   add_default_camera(scene, build);
   const gpurt_scene_facts facts = facts_of(scene);
-  if (!o.json) fmt::print("{}, {}, {} triangles, {}\n", properties.name, o.scene, facts.num_triangles, o.accel);
+  if (!o.json)
+    fmt::print("{}, {}, {} triangles, {}\n", properties.name, o.scene, facts.num_triangles, o.accel);
 
   Report report(o, properties);
   for (const RaySet &set : make_ray_sets(scene, o.rays)) {

@@ -63,6 +63,26 @@ def test_sizes_come_from_the_camera_or_512(device, box):
     assert (frame.width, frame.height) == (512, 512)
 
 
+def test_schedules_are_resolved_and_refused_by_name(box):
+    plain = {"traversal": "stack", "launch": "regular", "generation": "slots"}
+    image = box.render(width=8, height=8, spp=1)
+    with gpurt.Frame(box, width=8, height=8).submit(spp=1, schedule=plain) as job:
+        job.wait()
+        statistics = job.frame.statistics
+    assert statistics.schedule.items() >= plain.items() and "auto" not in statistics.schedule.values()
+    assert statistics.schedule == image.statistics.schedule
+    assert not any(statistics.schedule_counters.values())
+    assert (job.frame.read("color") == image.color).all()
+    for schedule, text in (({"fetch": "photons"}, "fetch: 'photons' is none of 'auto', 'per_thread', 'packets'"),
+                           ({"stack": True}, "schedule: 'stack' is none of 'traversal'"),
+                           ({"ray_budget": -1}, "ray_budget")):
+        with pytest.raises(gpurt.InvalidArgument, match=text):
+            gpurt.Frame(box, width=8, height=8).submit(spp=1, schedule=schedule)
+    if box.device.properties.type == "cpu":
+        with pytest.raises(gpurt.Unsupported, match="schedule.traversal"):
+            gpurt.Frame(box, width=8, height=8).submit(spp=1, schedule={"traversal": "uber"})
+
+
 def test_statistics_tell_what_happened(box):
     s = box.render("path", width=20, height=10, spp=3, seed=7, max_depth=5, tile_size=8).statistics
     assert (s.pipeline, s.accel, s.triangle_test, s.max_depth, s.tile_size) == ("path", "kdtree", "watertight", 5, 8)

@@ -187,15 +187,16 @@ struct ShadePathVertex {
         direct_light(sink, surface, bsdf, normal, s, t, wo, choice.x, sample_2d(path.key, pair + dim_light),
                      path);
       }
-      continue_path(sink, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf), path);
+      continue_path(sink, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf),
+                    path);
     }
     if (Stores) wave.paths[path_index] = path;
   }
 
  private:
   template <class Sink>
-  GPURT_HD void direct_light(const Sink &sink, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s,
-                             Vec3f t, Vec3f wo, float u0, Vec2f u1, const PathState &path) const
+  GPURT_HD void direct_light(const Sink &sink, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal,
+                             Vec3f s, Vec3f t, Vec3f wo, float u0, Vec2f u1, const PathState &path) const
   {
     LightSample light;
     if (!sample_light(scene, surface.position, normal, u0, u1, light)) return;
@@ -213,8 +214,8 @@ struct ShadePathVertex {
   }
 
   template <class Sink>
-  GPURT_HD void continue_path(const Sink &sink, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f s,
-                              Vec3f t, Vec3f wo, Vec2f choice, Vec2f u, PathState &path) const
+  GPURT_HD void continue_path(const Sink &sink, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal,
+                              Vec3f s, Vec3f t, Vec3f wo, Vec2f choice, Vec2f u, PathState &path) const
   {
     BsdfSample next;
     if (!sample_bsdf(bsdf, wo, choice.x, u, next)) return;

@@ -123,7 +123,8 @@ std::optional<ScheduledTracer> make_tracer(const QueryContext &context, const Tr
 }
 
 // Adds what a lane did to the request's counters, once its work is done.
-void count(const TraceRequest &request, std::optional<ScheduledTracer> &tracer, double seconds, std::mutex &mutex)
+void count(const TraceRequest &request, std::optional<ScheduledTracer> &tracer, double seconds,
+           std::mutex &mutex)
 {
   if (request.counters == nullptr) return;
   ScheduleCounters counters;
@@ -142,10 +143,11 @@ void trace_each_on_device(const QueryContext &context, const TraceRequest &reque
   std::byte *results = results_of(request);
   std::optional<ScheduledTracer> tracer = make_tracer(context, request, request.num_rays, lane->stream());
   const WaitAtEnd wait(lane->stream());
-  const double seconds = run_in_slices(*lane, context.slice, request.num_rays, [&](uint64_t first, uint64_t n) {
-    launch_hits(context, request, tracer ? &*tracer : nullptr, request.rays + first, n,
-                results + first * result_bytes, lane->stream());
-  });
+  const double seconds =
+      run_in_slices(*lane, context.slice, request.num_rays, [&](uint64_t first, uint64_t n) {
+        launch_hits(context, request, tracer ? &*tracer : nullptr, request.rays + first, n,
+                    results + first * result_bytes, lane->stream());
+      });
   lane->synchronize();
   std::mutex mutex;
   count(request, tracer, seconds, mutex);

@@ -65,8 +65,8 @@ void launch_count_rays(const ShadePathVertex &stage, uint32_t begin, uint32_t en
          begin, end, shadow_flags, next_flags);
 }
 
-void launch_make_rays(const ShadePathVertex &stage, uint32_t begin, uint32_t end, const uint32_t *shadow_places,
-                      const uint32_t *next_places, cudaStream_t stream)
+void launch_make_rays(const ShadePathVertex &stage, uint32_t begin, uint32_t end,
+                      const uint32_t *shadow_places, const uint32_t *next_places, cudaStream_t stream)
 {
   launch("kernel that makes the counted rays", make_rays_kernel, end - begin, stream, stage, begin, end,
          shadow_places, next_places);

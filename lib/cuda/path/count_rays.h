@@ -12,7 +12,7 @@ void launch_count_rays(const ShadePathVertex &stage, uint32_t begin, uint32_t en
                        uint32_t *next_flags, cudaStream_t stream);
 
 /// Shades the same hits: radiance goes to the paths, rays to their places in wave.shadow_queue and wave.next_rays.
-void launch_make_rays(const ShadePathVertex &stage, uint32_t begin, uint32_t end, const uint32_t *shadow_places,
-                      const uint32_t *next_places, cudaStream_t stream);
+void launch_make_rays(const ShadePathVertex &stage, uint32_t begin, uint32_t end,
+                      const uint32_t *shadow_places, const uint32_t *next_places, cudaStream_t stream);
 
 }  // namespace gpurt::cuda

@@ -58,7 +58,8 @@ void launch_move_rays(const RayQueue &from, uint32_t n, const RayQueue &to, cons
 void launch_move_shadows(const ShadowQueue &from, uint32_t n, const ShadowQueue &to, const uint32_t *places,
                          cudaStream_t stream)
 {
-  launch("kernel that moves shadow rays to their places", move_kernel<ShadowQueue>, n, stream, from, n, to, places);
+  launch("kernel that moves shadow rays to their places", move_kernel<ShadowQueue>, n, stream, from, n, to,
+         places);
 }
 
 }  // namespace gpurt::cuda

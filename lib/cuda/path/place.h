@@ -24,12 +24,13 @@ void launch_flag_rays(const Ray *rays, uint32_t n, uint32_t *flags, cudaStream_t
 
 /// Writes places[i], the number of ones before i, for every i whose flag is 1, and their number to `total`, which lies in
 /// memory that the device and, if pinned, the host can see.
-void launch_place(const Placement &placement, uint32_t n, uint32_t *places, uint32_t *total, cudaStream_t stream);
+void launch_place(const Placement &placement, uint32_t n, uint32_t *places, uint32_t *total,
+                  cudaStream_t stream);
 
 // The techniques.
 uint64_t pyramid_bytes(uint32_t n);
-void launch_place_by_pyramid(const uint32_t *flags, uint32_t n, void *memory, uint32_t *places, uint32_t *total,
-                             cudaStream_t stream);
+void launch_place_by_pyramid(const uint32_t *flags, uint32_t n, void *memory, uint32_t *places,
+                             uint32_t *total, cudaStream_t stream);
 uint64_t naive_scan_bytes(uint32_t n);
 void launch_place_by_naive_scan(uint32_t *flags, uint32_t n, void *memory, uint32_t *places, uint32_t *total,
                                 cudaStream_t stream);

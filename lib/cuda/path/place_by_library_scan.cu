@@ -31,7 +31,8 @@ void launch_place_by_library_scan(const uint32_t *flags, uint32_t n, void *memor
   size_t bytes = memory_bytes;
   check(cub::DeviceScan::ExclusiveSum(memory, bytes, flags, places, n, stream),
         "cub::DeviceScan::ExclusiveSum");
-  launch_blocks("kernel that stores a scan's total", store_total_kernel, 1, 1, stream, flags, n, places, total);
+  launch_blocks("kernel that stores a scan's total", store_total_kernel, 1, 1, stream, flags, n, places,
+                total);
 }
 
 }  // namespace gpurt::cuda

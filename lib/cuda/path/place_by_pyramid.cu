@@ -71,8 +71,8 @@ uint64_t pyramid_bytes(uint32_t n)
   return num_sums * sizeof(uint32_t);
 }
 
-void launch_place_by_pyramid(const uint32_t *flags, uint32_t n, void *memory, uint32_t *places, uint32_t *total,
-                             cudaStream_t stream)
+void launch_place_by_pyramid(const uint32_t *flags, uint32_t n, void *memory, uint32_t *places,
+                             uint32_t *total, cudaStream_t stream)
 {
   uint64_t num_sums;
   const Pyramid p = lay_out(flags, n, static_cast<uint32_t *>(memory), num_sums);

@@ -154,7 +154,8 @@ class PassRenderer {
     for (;;) {
       try {
         std::unique_ptr<Workspace> work(
-            new Workspace{{memory_, capacity, pass_.schedule, stream}, {memory_, most_film_bytes_, "the film of a group of units"}});
+            new Workspace{{memory_, capacity, pass_.schedule, stream},
+                          {memory_, most_film_bytes_, "the film of a group of units"}});
         ++num_workspaces_;
         return work;
       } catch (const Error &e) {

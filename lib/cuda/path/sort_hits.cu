@@ -29,7 +29,8 @@ uint64_t sort_hits_bytes(uint32_t n)
   size_t bytes = 0;
   const uint32_t *from = nullptr;
   uint32_t *to = nullptr;
-  check(cub::DeviceRadixSort::SortPairs(nullptr, bytes, from, to, from, to, n), "cub::DeviceRadixSort::SortPairs");
+  check(cub::DeviceRadixSort::SortPairs(nullptr, bytes, from, to, from, to, n),
+        "cub::DeviceRadixSort::SortPairs");
   return bytes + 4 * array_bytes(n);
 }
 
@@ -44,8 +45,8 @@ const uint32_t *launch_sort_hits(const SceneView &scene, const Hit *hits, uint32
   size_t bytes = memory_bytes - 4 * stride;
   int num_bits = 1;
   while (num_bits < 32 && scene.num_materials >> num_bits != 0) ++num_bits;
-  check(cub::DeviceRadixSort::SortPairs(base + 4 * stride, bytes, keys, sorted_keys, indices, sorted_indices, n, 0,
-                                        num_bits, stream),
+  check(cub::DeviceRadixSort::SortPairs(base + 4 * stride, bytes, keys, sorted_keys, indices, sorted_indices,
+                                        n, 0, num_bits, stream),
         "cub::DeviceRadixSort::SortPairs");
   return sorted_indices;
 }

@@ -63,8 +63,8 @@ __global__ void __launch_bounds__(block_size)
     if (mode != work) continue;
     bool goes_on = false;
     if (work == Mode::Trace) {
-      wave.hits[i] = trace_closest<Variant::test, Variant::masks, Variant::placements>(Variant::accel(s), s.scene,
-                                                                                      wave.rays.rays[i]);
+      wave.hits[i] = trace_closest<Variant::test, Variant::masks, Variant::placements>(
+          Variant::accel(s), s.scene, wave.rays.rays[i]);
       mode = Mode::Shade;
     } else if (work == Mode::Shade) {
       ShadePathVertex{s.scene, p.settings, wave, depth}(i);
@@ -114,8 +114,10 @@ void launch_uber_paths(const TraceScene &scene, const PathSettings &settings, co
   const Paths paths{settings, unit, wave, first, count};
   const auto start = [&]<class Variant>(Variant) {
     if (pool.num_drawn != nullptr)
-      launch_persistent("uber-kernel of paths", uber_path_kernel<Variant>, count, stream, scene, paths, pool, counters);
-    else launch("uber-kernel of paths", uber_path_kernel<Variant>, count, stream, scene, paths, pool, counters);
+      launch_persistent("uber-kernel of paths", uber_path_kernel<Variant>, count, stream, scene, paths, pool,
+                        counters);
+    else
+      launch("uber-kernel of paths", uber_path_kernel<Variant>, count, stream, scene, paths, pool, counters);
   };
   if (scene.has_bvhs) dispatch_paths<true>(scene, start);
   else dispatch_paths<false>(scene, start);

@@ -65,7 +65,8 @@ WaveArrays lay_out(std::byte *base, uint64_t n, const Schedule &schedule)
   a.wave.rays = {layout.take<Ray>(n), layout.take<uint32_t>(n)};
   a.wave.hits = layout.take<Hit>(n);
   a.wave.next_rays = {layout.take<Ray>(queue), layout.take<uint32_t>(queue)};
-  a.wave.shadows = {layout.take<Ray>(num_slots), layout.take<uint32_t>(num_slots), layout.take<Vec3f>(num_slots)};
+  a.wave.shadows = {layout.take<Ray>(num_slots), layout.take<uint32_t>(num_slots),
+                    layout.take<Vec3f>(num_slots)};
   a.wave.shadow_queue = {layout.take<Ray>(queue), layout.take<uint32_t>(queue), layout.take<Vec3f>(queue)};
   a.wave.occluded = layout.take<uint8_t>(queue);
   a.block_counts = layout.take<uint32_t>(compact_num_blocks(uint32_t(n)));
@@ -96,8 +97,8 @@ uint64_t WaveMemory::ray_budget() const
   return schedule_.ray_budget != 0 ? schedule_.ray_budget : uint64_t(capacity_) * 2;
 }
 
-WaveMemory::WaveMemory(const std::shared_ptr<DeviceMemory> &memory, uint32_t capacity, const Schedule &schedule,
-                       cudaStream_t stream)
+WaveMemory::WaveMemory(const std::shared_ptr<DeviceMemory> &memory, uint32_t capacity,
+                       const Schedule &schedule, cudaStream_t stream)
     : capacity_(capacity),
       schedule_(schedule),
       buffer_(memory, bytes_for(capacity, schedule), "a wave of paths"),

@@ -57,8 +57,8 @@ class StreamExecutor {
   {
     if constexpr (std::is_same_v<Stage, ShadePathVertex>) {
       if (memory_.schedule().shading == Shading::Sorted) {
-        const uint32_t *order =
-            launch_sort_hits(scene_.scene, memory_.wave().hits, n, memory_.sort_memory(), memory_.sort_bytes(), stream_);
+        const uint32_t *order = launch_sort_hits(scene_.scene, memory_.wave().hits, n, memory_.sort_memory(),
+                                                 memory_.sort_bytes(), stream_);
         counters_.schedule.sorted_hits += n;
         launch("path stage 'shade', sorted by material", run_stage<ShadeSorted>, n, stream_,
                ShadeSorted{stage, order}, n);
@@ -72,7 +72,8 @@ class StreamExecutor {
 
   void trace_closest(const Ray *rays, Hit *hits, uint32_t n)
   {
-    if (ScheduledTracer *tracer = memory_.tracer()) tracer->closest(scene_, rays, n, HitLayout::Internal, hits);
+    if (ScheduledTracer *tracer = memory_.tracer())
+      tracer->closest(scene_, rays, n, HitLayout::Internal, hits);
     else launch_closest(scene_, rays, n, HitLayout::Internal, hits, stream_);
     (is_first_trace_ ? counters_.num_camera_rays : counters_.num_bounce_rays) += n;
     is_first_trace_ = false;
@@ -159,7 +160,8 @@ class StreamExecutor {
   template <class T>
   void copy(T *to, const T *from, uint32_t n)
   {
-    check(cudaMemcpyAsync(to, from, uint64_t(n) * sizeof(T), cudaMemcpyDeviceToDevice, stream_), "cudaMemcpyAsync");
+    check(cudaMemcpyAsync(to, from, uint64_t(n) * sizeof(T), cudaMemcpyDeviceToDevice, stream_),
+          "cudaMemcpyAsync");
   }
 
   // Waits for a compaction. Cancelled: none are kept, and the paths end here.
@@ -175,8 +177,8 @@ class StreamExecutor {
 };
 
 // What the uber-kernel of paths and counted generation share with trace_paths: the eye rays' features.
-void add_features(StreamExecutor &exec, const SceneView &scene, const PathSettings &settings, const PathUnit &unit,
-                  const PathWave &wave, const FilmView &film, uint32_t num_paths)
+void add_features(StreamExecutor &exec, const SceneView &scene, const PathSettings &settings,
+                  const PathUnit &unit, const PathWave &wave, const FilmView &film, uint32_t num_paths)
 {
   if (film.features == nullptr && film.first_hits == nullptr) return;
   exec.for_each(PathStage::Film, min(film.width * film.height, num_paths),
@@ -222,7 +224,8 @@ void trace_counted_paths(StreamExecutor &exec, const SceneView &scene, const Pat
     exec.take_next_rays(part.begin, counts.num_next);
     parts.push_back({part.begin, part.begin + counts.num_next, part.depth + 1, false});
   }
-  exec.for_each(PathStage::Film, min(film.width * film.height, num_paths), AddSamples{unit, wave, film, num_paths});
+  exec.for_each(PathStage::Film, min(film.width * film.height, num_paths),
+                AddSamples{unit, wave, film, num_paths});
 }
 
 // Paths that one kernel follows from end to end, a few at a time so that a job can be cancelled.
@@ -254,7 +257,8 @@ void trace_uber_paths(StreamExecutor &exec, const TraceScene &scene, const PathS
   UberPathCounters counted{};
   check(cudaMemcpyAsync(&counted, device_counters, sizeof counted, cudaMemcpyDeviceToHost, stream),
         "cudaMemcpyAsync");
-  exec.for_each(PathStage::Film, min(film.width * film.height, num_paths), AddSamples{unit, wave, film, num_paths});
+  exec.for_each(PathStage::Film, min(film.width * film.height, num_paths),
+                AddSamples{unit, wave, film, num_paths});
   check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
   counters.num_camera_rays += num_paths;
   counters.num_bounce_rays += counted.num_bounce_rays;
@@ -274,7 +278,8 @@ bool render_wave(const TraceScene &scene, const PathSettings &settings, const Pa
   if (schedule.traversal == Traversal::Uber) {
     trace_uber_paths(executor, scene, settings, unit, film, num_paths, memory, stream, counters);
   } else if (schedule.generation == Generation::Counted) {
-    trace_counted_paths(executor, scene.scene, settings, unit, memory.wave(), film, num_paths, memory.ray_budget());
+    trace_counted_paths(executor, scene.scene, settings, unit, memory.wave(), film, num_paths,
+                        memory.ray_budget());
   } else {
     trace_paths(executor, scene.scene, settings, unit, memory.wave(), film, num_paths);
   }

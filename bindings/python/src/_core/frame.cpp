@@ -1,3 +1,6 @@
+#include <pybind11/stl.h>
+
+#include <array>
 #include <memory>
 #include <mutex>
 #include <set>
@@ -40,7 +43,8 @@ std::unique_ptr<Frame> create(const Scene &scene, uint32_t width, uint32_t heigh
 
 std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pixel, float target_error,
                             double time_limit, uint32_t max_depth, uint32_t tile_size,
-                            const py::object &tiles, const py::object &progress)
+                            const py::object &tiles, const py::object &progress,
+                            const std::array<uint64_t, 7> &schedule)
 {
   auto job = std::make_unique<Job>(CallbackId(progress));
   gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
@@ -50,6 +54,13 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
   desc.time_limit_s = time_limit;
   desc.max_depth = max_depth;
   desc.tile_size = tile_size;
+  desc.schedule.traversal = static_cast<gpurt_traversal>(schedule[0]);
+  desc.schedule.launch = static_cast<gpurt_launch>(schedule[1]);
+  desc.schedule.fetch = static_cast<gpurt_fetch>(schedule[2]);
+  desc.schedule.compaction = static_cast<gpurt_compaction>(schedule[3]);
+  desc.schedule.shading = static_cast<gpurt_shading>(schedule[4]);
+  desc.schedule.generation = static_cast<gpurt_generation>(schedule[5]);
+  desc.schedule.ray_budget = schedule[6];
   if (job->progress.is_set()) {
     desc.progress = forward_progress;
     desc.progress_user = job->progress.user();
@@ -93,19 +104,33 @@ py::dict get_statistics(const Frame &frame)
   using namespace py::literals;
   gpurt_statistics s = GPURT_STATISTICS_INIT;
   call([&] { return gpurt_frame_get_statistics(frame.handle.get(), &s); });
-  return py::dict("pipeline"_a = static_cast<int>(s.pipeline), "accel"_a = static_cast<int>(s.accel),
-                  "triangle_test"_a = static_cast<int>(s.triangle_test), "max_depth"_a = s.max_depth,
-                  "tile_size"_a = s.tile_size, "num_threads"_a = s.num_threads, "width"_a = s.width,
-                  "height"_a = s.height, "seed"_a = s.seed, "samples_per_pixel"_a = s.samples_per_pixel,
-                  "num_samples"_a = s.num_samples, "num_camera_rays"_a = s.num_camera_rays,
-                  "num_bounce_rays"_a = s.num_bounce_rays, "num_shadow_rays"_a = s.num_shadow_rays,
-                  "num_nonfinite"_a = s.num_nonfinite, "num_saturated"_a = s.num_saturated,
-                  "render_seconds"_a = s.render_seconds, "generate_seconds"_a = s.generate_seconds,
-                  "trace_seconds"_a = s.trace_seconds, "shade_seconds"_a = s.shade_seconds,
-                  "shadow_seconds"_a = s.shadow_seconds, "film_seconds"_a = s.film_seconds,
-                  "build_seconds"_a = s.build_seconds, "estimated_error"_a = s.estimated_error,
-                  "largest_sample"_a = s.largest_sample, "memory_peak"_a = s.memory_peak_bytes,
-                  "reason"_a = s.reason);
+  const gpurt_schedule &schedule = s.schedule;
+  const gpurt_schedule_counters &counters = s.schedule_counters;
+  return py::dict(
+      "pipeline"_a = static_cast<int>(s.pipeline), "accel"_a = static_cast<int>(s.accel),
+      "triangle_test"_a = static_cast<int>(s.triangle_test), "max_depth"_a = s.max_depth,
+      "tile_size"_a = s.tile_size, "num_threads"_a = s.num_threads, "width"_a = s.width,
+      "height"_a = s.height, "seed"_a = s.seed, "samples_per_pixel"_a = s.samples_per_pixel,
+      "num_samples"_a = s.num_samples, "num_camera_rays"_a = s.num_camera_rays,
+      "num_bounce_rays"_a = s.num_bounce_rays, "num_shadow_rays"_a = s.num_shadow_rays,
+      "num_nonfinite"_a = s.num_nonfinite, "num_saturated"_a = s.num_saturated,
+      "render_seconds"_a = s.render_seconds, "generate_seconds"_a = s.generate_seconds,
+      "trace_seconds"_a = s.trace_seconds, "shade_seconds"_a = s.shade_seconds,
+      "shadow_seconds"_a = s.shadow_seconds, "film_seconds"_a = s.film_seconds,
+      "build_seconds"_a = s.build_seconds, "estimated_error"_a = s.estimated_error,
+      "largest_sample"_a = s.largest_sample, "memory_peak"_a = s.memory_peak_bytes, "reason"_a = s.reason,
+      "schedule"_a = py::dict(
+          "traversal"_a = static_cast<int>(schedule.traversal),
+          "launch"_a = static_cast<int>(schedule.launch), "fetch"_a = static_cast<int>(schedule.fetch),
+          "compaction"_a = static_cast<int>(schedule.compaction),
+          "shading"_a = static_cast<int>(schedule.shading),
+          "generation"_a = static_cast<int>(schedule.generation), "ray_budget"_a = schedule.ray_budget),
+      "schedule_counters"_a =
+          py::dict("ray_refills"_a = counters.ray_refills, "list_rounds"_a = counters.list_rounds,
+                   "list_overflows"_a = counters.list_overflows, "mode_switches"_a = counters.mode_switches,
+                   "packets"_a = counters.packets, "shared_triangles"_a = counters.shared_triangles,
+                   "compactions"_a = counters.compactions, "sorted_hits"_a = counters.sorted_hits,
+                   "counted_rays"_a = counters.counted_rays, "wave_splits"_a = counters.wave_splits));
 }
 
 // True when the job has ended well, False when it still runs; its failure is raised.
@@ -171,7 +196,7 @@ void bind_frame(py::module_ &module)
            py::arg("outputs"), py::arg("frame_index"), py::arg("seed"), py::arg("first_sample"))
       .def("submit", submit, py::arg("pipeline"), py::arg("samples_per_pixel"), py::arg("target_error"),
            py::arg("time_limit"), py::arg("max_depth"), py::arg("tile_size"), py::arg("tiles"),
-           py::arg("progress"))
+           py::arg("progress"), py::arg("schedule"))
       .def("read", read, py::arg("output"), py::arg("data"))
       .def("save", save, py::arg("path"))
       .def("merge", merge, py::arg("other"))

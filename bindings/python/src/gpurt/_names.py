@@ -37,4 +37,12 @@ QUERY = Names("query", "closest", "any", "all")
 HIT_FORMAT = Names("format", "full", "compact")
 OUTPUT = Names("outputs", "color", "alpha", "depth", "normal", "albedo", "position", "primitive", "instance",
                "sample_count", "variance", "time")
+SCHEDULE = {
+    "traversal": Names("traversal", "auto", "stack", "leaf_lists", "uber"),
+    "launch": Names("launch", "auto", "regular", "persistent"),
+    "fetch": Names("fetch", "auto", "per_thread", "packets"),
+    "compaction": Names("compaction", "auto", "block_scan", "pyramid", "naive_scan", "library_scan"),
+    "shading": Names("shading", "auto", "immediate", "sorted"),
+    "generation": Names("generation", "auto", "slots", "counted"),
+}
 PIPELINE = Names("pipeline", "auto", "path", "photon", "reyes", "hybrid")

@@ -6,14 +6,14 @@ import dataclasses
 import os
 import time as clock
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Callable, NoReturn, Optional, Sequence, Tuple, Type
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple, Type
 
 import numpy as np
 
 from gpurt import _core
 from gpurt._arrays import Array, PathLike, as_array, shape_text, to_count, to_number, to_path, to_uint32
 from gpurt._callbacks import Callback, check_callable
-from gpurt._names import ACCEL, OUTPUT, PIPELINE, TRIANGLE_TEST
+from gpurt._names import ACCEL, OUTPUT, PIPELINE, SCHEDULE, TRIANGLE_TEST
 from gpurt.device import refuse_pickling
 from gpurt.errors import Cancelled, Error, InvalidArgument, Timeout
 
@@ -65,6 +65,19 @@ class Statistics:
     largest_sample: float  #: largest radiance of a single sample
     memory_peak: int  #: bytes
     reason: str  #: why settings were chosen
+    schedule: Dict[str, Any]  #: how the device went about it, as submit() takes it
+    schedule_counters: Dict[str, int]  #: what schedules did
+
+
+def _schedule_values(schedule: Optional[Mapping[str, Any]]) -> List[int]:
+    """As gpurt_schedule has them, ray_budget last."""
+    given = dict(schedule or {})
+    values = [names.value(given.pop(field, "auto")) for field, names in SCHEDULE.items()]
+    values.append(to_count(given.pop("ray_budget", 0), "ray_budget", 64))
+    if given:
+        raise InvalidArgument(f"schedule: {next(iter(given))!r} is none of "
+                              f"{', '.join(map(repr, (*SCHEDULE, 'ray_budget')))}")
+    return values
 
 
 class Frame:
@@ -102,7 +115,8 @@ class Frame:
 
     def submit(self, pipeline: str = "auto", *, spp: int = 0, error: float = 0, time: float = 0, max_depth: int = 0,
                tile_size: int = 0, tiles: Any = None,
-               progress: Optional[Callable[[float, float], Any]] = None) -> "Job":
+               progress: Optional[Callable[[float, float], Any]] = None,
+               schedule: Optional[Mapping[str, Any]] = None) -> "Job":
         """Starts rendering and returns at once.
 
         :param pipeline: "auto", "path", "photon", "reyes" or "hybrid".
@@ -114,6 +128,10 @@ class Frame:
         :param tiles: rectangles x0 y0 x1 y1, [n][4], of the pixels with x0 <= x < x1; None: the whole frame.
         :param progress: called now and then as progress(done, total) in samples, from another thread, never from
             two at once. It must not use gpurt. If it raises, the job is cancelled and waiting raises the same.
+        :param schedule: how a CUDA device goes about it; changes no bits. By name: traversal ("stack", "leaf_lists",
+            "uber"), launch ("regular", "persistent"), fetch ("per_thread", "packets"), compaction ("block_scan",
+            "pyramid", "naive_scan", "library_scan"), shading ("immediate", "sorted"), generation ("slots",
+            "counted"), ray_budget. What is left out is "auto", the library's choice.
 
         Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,
         and the image has the same bits as if it had run at once. Jobs of one frame run one after another. A job
@@ -132,7 +150,8 @@ class Frame:
         with self.scene.device._log_errors():
             job = self._core.submit(PIPELINE.value(pipeline), to_count(spp, "spp"), to_number(error, "error"),
                                     to_number(time, "time"), to_count(max_depth, "max_depth"),
-                                    to_count(tile_size, "tile_size"), rectangles, callback)
+                                    to_count(tile_size, "tile_size"), rectangles, callback,
+                                    _schedule_values(schedule))
         return Job(self, job, callback)
 
     def read(self, output: str = "color") -> Array:
@@ -159,7 +178,9 @@ class Frame:
         values = self._core.statistics()
         return Statistics(**{**values, "pipeline": PIPELINE.name(values["pipeline"]),
                              "accel": ACCEL.name(values["accel"]),
-                             "triangle_test": TRIANGLE_TEST.name(values["triangle_test"])})
+                             "triangle_test": TRIANGLE_TEST.name(values["triangle_test"]),
+                             "schedule": {field: SCHEDULE[field].name(value) if field in SCHEDULE else value
+                                          for field, value in values["schedule"].items()}})
 
     def save(self, path: PathLike) -> None:
         """Writes the frame to a file, by its extension.

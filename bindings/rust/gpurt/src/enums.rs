@@ -151,3 +151,81 @@ c_enum! {
         Time = GPURT_OUTPUT_TIME,
     }
 }
+
+c_enum! {
+    /// The way of rays through a tree on a CUDA device.
+    Traversal {
+        /// The library's choice.
+        Auto = GPURT_TRAVERSAL_AUTO,
+        /// One kernel: down to a leaf, its triangles, on from the stack.
+        Stack = GPURT_TRAVERSAL_STACK,
+        /// Of kd-trees: one kernel selects leaves, another tests them, in turn.
+        LeafLists = GPURT_TRAVERSAL_LEAF_LISTS,
+        /// One kernel whose warps switch between kinds of work.
+        Uber = GPURT_TRAVERSAL_UBER,
+    }
+}
+
+c_enum! {
+    /// How many threads a CUDA kernel has.
+    Launch {
+        /// The library's choice.
+        Auto = GPURT_LAUNCH_AUTO,
+        /// One for every ray.
+        Regular = GPURT_LAUNCH_REGULAR,
+        /// As many as the device holds, which draw rays from a pool.
+        Persistent = GPURT_LAUNCH_PERSISTENT,
+    }
+}
+
+c_enum! {
+    /// Who loads the triangles that rays are tested against.
+    Fetch {
+        /// The library's choice.
+        Auto = GPURT_FETCH_AUTO,
+        /// Every thread for itself.
+        PerThread = GPURT_FETCH_PER_THREAD,
+        /// Of kd-trees: a warp for all of its rays, which traverse together.
+        Packets = GPURT_FETCH_PACKETS,
+    }
+}
+
+c_enum! {
+    /// How the rays that are there are moved together.
+    Compaction {
+        /// The library's choice.
+        Auto = GPURT_COMPACTION_AUTO,
+        /// Counts of blocks and a scan over these.
+        BlockScan = GPURT_COMPACTION_BLOCK_SCAN,
+        /// Histogram pyramid.
+        Pyramid = GPURT_COMPACTION_PYRAMID,
+        /// The scan of n log n additions.
+        NaiveScan = GPURT_COMPACTION_NAIVE_SCAN,
+        /// The scan of the CUDA core libraries.
+        LibraryScan = GPURT_COMPACTION_LIBRARY_SCAN,
+    }
+}
+
+c_enum! {
+    /// In which order hits are shaded.
+    Shading {
+        /// The library's choice.
+        Auto = GPURT_SHADING_AUTO,
+        /// As the rays lie.
+        Immediate = GPURT_SHADING_IMMEDIATE,
+        /// By material.
+        Sorted = GPURT_SHADING_SORTED,
+    }
+}
+
+c_enum! {
+    /// How shading makes rays.
+    Generation {
+        /// The library's choice.
+        Auto = GPURT_GENERATION_AUTO,
+        /// Into slots, of which the empty ones are removed.
+        Slots = GPURT_GENERATION_SLOTS,
+        /// They are counted first, then exactly these are made.
+        Counted = GPURT_GENERATION_COUNTED,
+    }
+}

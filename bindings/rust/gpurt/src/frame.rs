@@ -7,8 +7,8 @@ use std::ptr;
 use crate::callback::{call, Callbacks};
 use crate::macros::{c_path, text};
 use crate::{
-    sys, Accel, BuildDesc, CameraId, Error, Job, Output, Pipeline, RenderDesc, Result, Scene, Tile,
-    TriangleTest,
+    sys, Accel, BuildDesc, CameraId, Error, Job, Output, Pipeline, RenderDesc, Result, Scene, Schedule,
+    ScheduleCounters, Tile, TriangleTest,
 };
 
 handle! {
@@ -261,6 +261,10 @@ filled_struct! {
             triangle_test: TriangleTest = TriangleTest::from_raw(raw.triangle_test)?,
             /// Why settings were chosen.
             reason: String = text(&raw.reason),
+            /// How the device went about it.
+            schedule: Schedule = Schedule::from_raw(&raw.schedule)?,
+            /// What schedules did.
+            schedule_counters: ScheduleCounters = ScheduleCounters::from_raw(&raw.schedule_counters)?,
         }
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::callback::{self, call, Closure, ProgressFn, Registration};
-use crate::{sys, Error, Frame, Pipeline, Result};
+use crate::{sys, Error, Frame, Pipeline, Result, Schedule};
 
 handle! {
     /// A render in the background. Dropping the last owner of one that still runs cancels it.
@@ -44,6 +44,7 @@ pub struct RenderDesc {
     max_depth: u32,
     tile_size: u32,
     progress: Option<ProgressFn>,
+    schedule: Schedule,
 }
 
 impl RenderDesc {
@@ -57,6 +58,7 @@ impl RenderDesc {
             max_depth: 0,
             tile_size: 0,
             progress: None,
+            schedule: Schedule::default(),
         }
     }
 
@@ -96,6 +98,12 @@ impl RenderDesc {
         self
     }
 
+    /// How a CUDA device goes about it. Changes no bits.
+    pub fn schedule(mut self, schedule: Schedule) -> Self {
+        self.schedule = schedule;
+        self
+    }
+
     /// Hears now and then how many of how many samples are done, from one thread at a time.
     ///
     /// The closure cannot call gpurt: fallible functions return an error there. If it panics, it is not
@@ -122,6 +130,7 @@ impl fmt::Debug for RenderDesc {
             .field("max_depth", &self.max_depth)
             .field("tile_size", &self.tile_size)
             .field("progress", &self.progress.is_some())
+            .field("schedule", &self.schedule)
             .finish()
     }
 }
@@ -136,6 +145,7 @@ impl Job {
             time_limit_s: render.time_limit.as_secs_f64(),
             max_depth: render.max_depth,
             tile_size: render.tile_size,
+            schedule: render.schedule.raw(),
             ..Default::default()
         };
         let mut callbacks = frame.callbacks().clone();

@@ -43,6 +43,7 @@ mod frame;
 mod job;
 mod mesh;
 mod scene;
+mod schedule;
 mod trace;
 mod tree;
 
@@ -56,6 +57,7 @@ pub use frame::{Frame, FrameDesc, Image, Pixel, StateInfo, Statistics};
 pub use job::{Job, RenderDesc, Tile};
 pub use mesh::{Mesh, Patches, Subdivision};
 pub use scene::{BuildDesc, Scene, SceneFacts};
+pub use schedule::{Schedule, ScheduleCounters};
 pub use trace::{AllHits, Hit, HitCompact, HitRecord, Ray};
 pub use tree::{KdTree, KdTreeNode, KdTreeNodeKind};
 

@@ -55,8 +55,8 @@ struct LeafListState {
   KdEntry *stacks;     // [kd_max_depth]
   ListedLeaf *leaves;  // [leaf_list_size]
   uint32_t *num_todo, *num_leaves;
-  Hit *hits;            // best so far, t in the units of the prepared ray
-  uint32_t *active[2];  // rays that have leaves left, of this round and of the next
+  Hit *hits;                       // best so far, t in the units of the prepared ray
+  uint32_t *active[2];             // rays that have leaves left, of this round and of the next
   unsigned long long *num_active;  // of the next round
 };
 

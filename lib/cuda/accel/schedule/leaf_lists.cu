@@ -144,8 +144,9 @@ void launch_select_leaves(const TraceScene &scene, const RayBatch &batch, const 
 {
   const bool aligned = is_aligned_16(batch.rays);
   if (pool.num_drawn != nullptr)
-    launch_persistent("kernel that selects leaves, persistent threads", select_leaves_kernel<true>, num_active,
-                      stream, scene, batch.rays, aligned, state, num_active, is_first, pool, counters);
+    launch_persistent("kernel that selects leaves, persistent threads", select_leaves_kernel<true>,
+                      num_active, stream, scene, batch.rays, aligned, state, num_active, is_first, pool,
+                      counters);
   else
     launch("kernel that selects leaves", select_leaves_kernel<false>, num_active, stream, scene, batch.rays,
            aligned, state, num_active, is_first, pool, counters);
@@ -158,12 +159,12 @@ void launch_intersect_leaves(const TraceScene &scene, const RayBatch &batch, con
   const bool aligned = is_aligned_16(batch.rays);
   dispatch_query(scene, batch, [&]<class Query>(Query) {
     if (pool.num_drawn != nullptr)
-      launch_persistent("kernel that tests listed leaves, persistent threads", intersect_leaves_kernel<Query, true>,
-                        num_active, stream, scene, batch.rays, aligned, state, num_active, is_first, pool,
-                        counters);
+      launch_persistent("kernel that tests listed leaves, persistent threads",
+                        intersect_leaves_kernel<Query, true>, num_active, stream, scene, batch.rays, aligned,
+                        state, num_active, is_first, pool, counters);
     else
-      launch("kernel that tests listed leaves", intersect_leaves_kernel<Query, false>, num_active, stream, scene,
-             batch.rays, aligned, state, num_active, is_first, pool, counters);
+      launch("kernel that tests listed leaves", intersect_leaves_kernel<Query, false>, num_active, stream,
+             scene, batch.rays, aligned, state, num_active, is_first, pool, counters);
   });
 }
 
@@ -171,8 +172,8 @@ void launch_finish_lists(const TraceScene &scene, const RayBatch &batch, const L
                          cudaStream_t stream)
 {
   dispatch_query(scene, batch, [&]<class Query>(Query) {
-    launch("kernel that finishes listed rays", finish_lists_kernel<Query>, batch.num_rays, stream, scene, batch,
-           alignment_of(batch), state);
+    launch("kernel that finishes listed rays", finish_lists_kernel<Query>, batch.num_rays, stream, scene,
+           batch, alignment_of(batch), state);
   });
 }
 

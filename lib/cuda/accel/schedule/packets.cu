@@ -27,7 +27,8 @@ struct PacketEntry {
 };
 
 template <class Query>
-__device__ __forceinline__ bool test_shared(RayWork<Query> &work, const SharedTriangles &shared, uint32_t count)
+__device__ __forceinline__ bool test_shared(RayWork<Query> &work, const SharedTriangles &shared,
+                                            uint32_t count)
 {
   for (uint32_t k = 0; k < count; ++k) {
     const float4 a = shared.part[0][k], b = shared.part[1][k], c = shared.part[2][k];
@@ -97,7 +98,8 @@ __device__ uint32_t trace_packet(const KdGroupView &world, RayWork<Query> &work,
       const uint32_t batch = min(count - first, warp_size);
       __syncwarp();
       if (lane_index() < batch) {
-        const float4 *from = reinterpret_cast<const float4 *>(world.triangles + node.word + first + lane_index());
+        const float4 *from =
+            reinterpret_cast<const float4 *>(world.triangles + node.word + first + lane_index());
         for (int k = 0; k < 3; ++k) shared.part[k][lane_index()] = __ldg(from + k);
       }
       __syncwarp();
@@ -161,8 +163,8 @@ void launch_packets(const TraceScene &scene, const RayBatch &batch, RayPool pool
 {
   dispatch_query(scene, batch, [&]<class Query>(Query) {
     if (pool.num_drawn != nullptr)
-      launch_persistent("kernel of packets, persistent threads", packet_kernel<Query, true>, batch.num_rays, stream,
-                        scene, batch, alignment_of(batch), pool, counters);
+      launch_persistent("kernel of packets, persistent threads", packet_kernel<Query, true>, batch.num_rays,
+                        stream, scene, batch, alignment_of(batch), pool, counters);
     else
       launch("kernel of packets", packet_kernel<Query, false>, batch.num_rays, stream, scene, batch,
              alignment_of(batch), pool, counters);

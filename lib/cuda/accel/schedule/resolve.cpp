@@ -29,15 +29,18 @@ void check_traversal(const Schedule &s, ScheduleUse use, const TraceScene &scene
     refuse("{} does not exist for GPURT_QUERY_ALL, whose kernels have one schedule; leave it AUTO", special);
   }
   if (use == ScheduleUse::StreamQuery) {
-    refuse("{} needs memory that work on a stream cannot wait for; use gpurt_scene_trace, or leave it AUTO", special);
+    refuse("{} needs memory that work on a stream cannot wait for; use gpurt_scene_trace, or leave it AUTO",
+           special);
   }
   if (scene.triangle_test != TriangleTest::Watertight) {
-    refuse("{} exists for GPURT_TRIANGLE_WATERTIGHT alone; commit with it, or leave the schedule AUTO", special);
+    refuse("{} exists for GPURT_TRIANGLE_WATERTIGHT alone; commit with it, or leave the schedule AUTO",
+           special);
   }
   if (s.fetch == Fetch::Packets && s.traversal != Traversal::Stack) {
-    refuse("{} and GPURT_FETCH_PACKETS do not go together: a packet traverses with one stack; use "
-           "GPURT_TRAVERSAL_STACK",
-           special);
+    refuse(
+        "{} and GPURT_FETCH_PACKETS do not go together: a packet traverses with one stack; use "
+        "GPURT_TRAVERSAL_STACK",
+        special);
   }
   const bool is_uber_render = use == ScheduleUse::Render && s.traversal == Traversal::Uber;
   if (scene.has_bvhs && !is_uber_render) {
@@ -56,9 +59,10 @@ template <class E>
 void check_has_queues(E choice, E fallback, const char *field)
 {
   if (choice == E::Auto || choice == fallback) return;
-  refuse("{} goes with GPURT_TRAVERSAL_STACK or GPURT_TRAVERSAL_LEAF_LISTS: under GPURT_TRAVERSAL_UBER a path "
-         "does not leave its kernel, and there is no queue; leave it AUTO",
-         field);
+  refuse(
+      "{} goes with GPURT_TRAVERSAL_STACK or GPURT_TRAVERSAL_LEAF_LISTS: under GPURT_TRAVERSAL_UBER a path "
+      "does not leave its kernel, and there is no queue; leave it AUTO",
+      field);
 }
 
 }  // namespace
@@ -80,12 +84,16 @@ Schedule resolve_schedule(const Schedule &asked, ScheduleUse use, const TraceSce
   }
   if (s.generation == Generation::Counted) {
     if (s.shading == Shading::Sorted) {
-      refuse("GPURT_GENERATION_COUNTED and GPURT_SHADING_SORTED do not go together: hits are counted and shaded as "
-             "they lie; use GPURT_SHADING_IMMEDIATE");
+      refuse(
+          "GPURT_GENERATION_COUNTED and GPURT_SHADING_SORTED do not go together: hits are counted and shaded "
+          "as "
+          "they lie; use GPURT_SHADING_IMMEDIATE");
     }
     if (s.compaction == Compaction::BlockScan) {
-      refuse("GPURT_COMPACTION_BLOCK_SCAN moves rays that were made, and GPURT_GENERATION_COUNTED wants their places "
-             "before; use another compaction, or leave it AUTO");
+      refuse(
+          "GPURT_COMPACTION_BLOCK_SCAN moves rays that were made, and GPURT_GENERATION_COUNTED wants their "
+          "places "
+          "before; use another compaction, or leave it AUTO");
     }
     set_default(s.compaction, Compaction::LibraryScan);
   }

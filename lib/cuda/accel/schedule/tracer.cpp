@@ -8,7 +8,8 @@ namespace gpurt::cuda {
 namespace {
 
 constexpr uint64_t num_counters = sizeof(DeviceCounters) / sizeof(unsigned long long);
-constexpr uint64_t pool_number = num_counters, active_number = num_counters + 1, num_numbers = num_counters + 2;
+constexpr uint64_t pool_number = num_counters, active_number = num_counters + 1,
+                   num_numbers = num_counters + 2;
 
 // Rays whose lists are in memory together: enough to fill the device, a quarter of a gigabyte.
 constexpr uint64_t max_list_rays = uint64_t(1) << 18, min_list_rays = uint64_t(1) << 12;
@@ -62,7 +63,8 @@ ScheduledTracer::ScheduledTracer(const Schedule &schedule, const std::shared_ptr
   for (;;) {
     LeafListState state;
     try {
-      lists_ = DeviceBuffer<std::byte>(memory, lay_out(nullptr, uint32_t(capacity), state), "lists of leaves");
+      lists_ =
+          DeviceBuffer<std::byte>(memory, lay_out(nullptr, uint32_t(capacity), state), "lists of leaves");
       break;
     } catch (const Error &e) {
       if (e.result() != GPURT_ERROR_OUT_OF_MEMORY || capacity <= min_list_rays) throw;
@@ -90,7 +92,8 @@ void ScheduledTracer::trace_lists(const TraceScene &scene, const RayBatch &batch
   for (bool is_first = true; num_active != 0; is_first = false) {
     launch_select_leaves(scene, batch, state, uint32_t(num_active), is_first, next_pool(), counters, stream_);
     check(cudaMemsetAsync(state.num_active, 0, sizeof *state.num_active, stream_), "cudaMemsetAsync");
-    launch_intersect_leaves(scene, batch, state, uint32_t(num_active), is_first, next_pool(), counters, stream_);
+    launch_intersect_leaves(scene, batch, state, uint32_t(num_active), is_first, next_pool(), counters,
+                            stream_);
     ++num_rounds_;
     unsigned long long left = 0;
     check(cudaMemcpyAsync(&left, state.num_active, sizeof left, cudaMemcpyDeviceToHost, stream_),
@@ -124,7 +127,8 @@ void ScheduledTracer::trace(const TraceScene &scene, const RayBatch &batch)
     case Traversal::Uber:
       return launch_uber(scene, batch, next_pool(), counters, stream_);
     default:
-      if (schedule_.fetch == Fetch::Packets) return launch_packets(scene, batch, next_pool(), counters, stream_);
+      if (schedule_.fetch == Fetch::Packets)
+        return launch_packets(scene, batch, next_pool(), counters, stream_);
       return launch_persistent_stack(scene, batch, next_pool(), counters, stream_);
   }
 }

@@ -97,8 +97,8 @@ void launch_uber(const TraceScene &scene, const RayBatch &batch, RayPool pool, D
 {
   dispatch_query(scene, batch, [&]<class Query>(Query) {
     if (pool.num_drawn != nullptr)
-      launch_persistent("uber-kernel of a query, persistent threads", uber_kernel<Query, true>, batch.num_rays, stream,
-                        scene, batch, alignment_of(batch), pool, counters);
+      launch_persistent("uber-kernel of a query, persistent threads", uber_kernel<Query, true>,
+                        batch.num_rays, stream, scene, batch, alignment_of(batch), pool, counters);
     else
       launch("uber-kernel of a query", uber_kernel<Query, false>, batch.num_rays, stream, scene, batch,
              alignment_of(batch), pool, counters);

@@ -3,7 +3,9 @@ use std::sync::mpsc;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use gpurt::{Accel, Error, Frame, FrameDesc, Job, Output, Pipeline, RenderDesc, StateInfo, Tile};
+use gpurt::{
+    Accel, Error, Frame, FrameDesc, Job, Output, Pipeline, RenderDesc, Schedule, StateInfo, Tile, Traversal,
+};
 
 use crate::room;
 
@@ -40,6 +42,19 @@ fn statistics_tell_what_was_done() {
     assert_eq!((statistics.num_nonfinite, statistics.num_saturated), (0, 0));
     assert!(matches!(statistics.accel, Accel::Embree | Accel::Kdtree | Accel::Bvh));
     assert!(!statistics.reason.is_empty());
+    assert_eq!(statistics.schedule_counters.wave_splits, 0);
+}
+
+#[test]
+fn schedules_are_resolved_and_refused() {
+    let frame = Frame::new(&room::create(&room::cpu()), &FrameDesc::new(8, 8)).unwrap();
+    let stack = Schedule { traversal: Traversal::Stack, ..Default::default() };
+    frame.render(&RenderDesc::new().samples(1).schedule(stack)).unwrap();
+    let resolved = frame.statistics().unwrap().schedule;
+    assert_eq!((resolved.traversal, resolved.launch), (Traversal::Stack, gpurt::Launch::Regular));
+    let uber = Schedule { traversal: Traversal::Uber, ..Default::default() };
+    let error = frame.render(&RenderDesc::new().samples(2).schedule(uber)).unwrap_err();
+    assert!(matches!(&error, Error::Unsupported(text) if text.contains("schedule.traversal")), "{}", error);
 }
 
 #[test]
