@@ -18,7 +18,7 @@ namespace cli {
 namespace {
 
 struct ScheduleOptions {
-  std::string scene, accel = "kdtree";
+  std::string scene, accel = "kdtree", only;
   uint32_t repeats = 5, samples = 16;
   uint64_t ray_budget = 0;
   RaySetOptions rays;
@@ -360,14 +360,14 @@ void run(ScheduleOptions o)
     fmt::print("{}, {}, {} triangles, {}\n", properties.name, o.scene, facts.num_triangles, o.accel);
 
   Report report(o, properties);
-  for (const RaySet &set : make_ray_sets(scene, o.rays)) {
+  for (const RaySet &set : o.only == "renders" ? std::vector<RaySet>() : make_ray_sets(scene, o.rays)) {
     if (set.rays.empty()) continue;
     report.begin(fmt::format("{} rays", set.name).c_str(), "Mrays/s");
     for (const NamedSchedule &s : traversals())
       report.add(s, measure_query(device, scene, set, s.schedule, o.repeats), double(set.rays.size()));
   }
-  if (o.samples != 0) report.begin("renders", "Msamples/s");
-  for (const NamedSchedule &s : o.samples != 0 ? pipelines(o) : std::vector<NamedSchedule>()) {
+  if (o.only != "queries") report.begin("renders", "Msamples/s");
+  for (const NamedSchedule &s : o.only != "queries" ? pipelines(o) : std::vector<NamedSchedule>()) {
     const Measured m = measure_render(device, scene, o, s.schedule);
     report.add(s, m, double(m.result.size() / (3 * sizeof(float))) * o.samples);
   }
@@ -397,9 +397,12 @@ Examples:
   command->add_option("--repeats", o->repeats, "runs of each case")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  command->add_option("--spp", o->samples, "samples per pixel of renders; 0: none")
-      ->check(CLI::Range(0, 65536))
+  command->add_option("--spp", o->samples, "samples per pixel of renders")
+      ->check(CLI::Range(1, 65536))
       ->capture_default_str();
+  command->add_option("--only", o->only, "queries or renders; by default both")
+      ->check(CLI::IsMember({"queries", "renders"}))
+      ->type_name("WHAT");
   command->add_option("--ray-budget", o->ray_budget, "of counted generation; default 262144")
       ->check(CLI::Range(uint64_t(2), uint64_t(1) << 40));
   command->add_option("--width", o->rays.width, "of the camera's image; default 1024")

@@ -105,8 +105,9 @@ __global__ void __launch_bounds__(block_size)
         bool is_decided = false;
         for (uint32_t k = 0; k < num_leaves && !is_decided; ++k) {
           const ListedLeaf leaf = state.leaves[uint64_t(k) * state.capacity + id];
-          // Leaves that were selected before a hit in an earlier one was known.
-          if (!work.is_within_limit(leaf.begin)) break;
+          // Leaves that were selected before a hit in an earlier one was known. Later ones may begin nearer, where
+          // planes are almost parallel to the ray.
+          if (!work.is_within_limit(leaf.begin)) continue;
           is_decided = work.test_leaf(world.triangles, leaf.first, leaf.count);
         }
         Query::save(work.visitor, state.hits[id]);
