@@ -155,7 +155,10 @@ gpurt_result gpurt_cuda_get_kernels(gpurt_device device, gpurt_cuda_kernel *kern
     const auto object = get(device, "device");
     require(out_count, "out_count");
     const auto *listing = dynamic_cast<const KernelListing *>(object->backend.get());
-    if (!listing) fail(GPURT_ERROR_UNSUPPORTED, "the CPU device has no kernels; ask a CUDA device");
+    if (!listing) {
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "kernels are those of one CUDA device, which this device is not; ask one that was created alone");
+    }
     const std::vector<KernelInfo> infos = listing->kernels();
     for (size_t i = 0; kernels && i < std::min<size_t>(capacity, infos.size()); ++i) {
       const KernelInfo &k = infos[i];

@@ -39,6 +39,7 @@ void MultiScene::render(const RenderPass &pass) const
     RenderPass part;
     part.settings = pass.settings;
     part.outputs = pass.outputs;
+    part.schedule = pass.schedule;
     part.cancelled = pass.cancelled;
     part.deliver = [&](const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters) {
       has_delivered = true;

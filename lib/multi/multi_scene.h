@@ -15,6 +15,10 @@ class MultiScene final : public CommittedScene, public StreamTracing {
   HostKdTree export_tree(uint32_t tree) const override;
   void render(const RenderPass &pass) const override;
   void trace(const TraceRequest &request) const override;
+  Schedule resolve_schedule(const Schedule &asked, ScheduleUse use) const override
+  {
+    return scenes_[0]->resolve_schedule(asked, use);  // the others are of the same kind
+  }
   void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event,
                        void *done_event) const override;
 

@@ -52,8 +52,10 @@ void MultiScene::trace_each(const TraceRequest &request) const
 {
   SharedRange queue(request.num_rays, scenes_.size(), min_rays);
   std::atomic<bool> stop{false};
+  std::vector<ScheduleCounters> counters(scenes_.size());
   run_side_by_side(scenes_.size(), [&](size_t member) {
     TraceRequest part = request;
+    if (request.counters != nullptr) part.counters = &counters[member];
     uint64_t first;
     while (!stop && queue.take(first, part.num_rays)) {
       part.rays = request.rays + first;
@@ -67,6 +69,9 @@ void MultiScene::trace_each(const TraceRequest &request) const
       }
     }
   });
+  if (request.counters != nullptr) {
+    for (const ScheduleCounters &c : counters) request.counters->add(c);
+  }
 }
 
 // All hits: where those of a part begin is known once the parts before it are counted.
