@@ -56,6 +56,11 @@ std::vector<Call<gpurt_device>> device_calls()
          return gpurt_scene_load(h, "no such file.glb", &out);
        }},
       {"gpurt_cuda_order", [](gpurt_device h) { return gpurt_cuda_order(h, 0, nullptr, nullptr); }},
+      {"gpurt_cuda_get_kernels",
+       [](gpurt_device h) {
+         uint32_t count;
+         return gpurt_cuda_get_kernels(h, nullptr, 0, &count);
+       }},
       {"gpurt_cuda_wait", [](gpurt_device h) { return gpurt_cuda_wait(h, 0, nullptr); }},
   };
 }

@@ -250,7 +250,7 @@ std::vector<QuerySchedule> render_schedules(gpurt_accel accel)
       "kernel that makes the counted rays", [](auto &s) {
         s.generation = GPURT_GENERATION_COUNTED;
         s.compaction = GPURT_COMPACTION_PYRAMID;
-        s.ray_budget = 1500;
+        s.ray_budget = amount(1500, 200);
       });
   add("counted, naive scan", {&Counters::counted_rays}, "kernel that makes the counted rays", [](auto &s) {
     s.generation = GPURT_GENERATION_COUNTED;

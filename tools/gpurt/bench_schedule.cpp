@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "gpurt_cuda.h"
@@ -143,6 +144,8 @@ std::string counters_text(const gpurt_schedule_counters &c)
   return text;
 }
 
+constexpr size_t max_shown_kernels = 3;
+
 struct Measured {
   bool exists = true;
   std::string reason;                                               // why it does not
@@ -239,13 +242,24 @@ Measured measure_render(gpurt_device device, gpurt_scene scene, const ScheduleOp
   return m;
 }
 
-// The largest kernel is what limits a schedule.
-std::string kernels_text(const std::vector<gpurt_cuda_kernel> &kernels)
+// The kernels that the first schedule has not, or of that one those with the most registers, which limit it.
+std::string kernels_text(const std::vector<gpurt_cuda_kernel> &kernels,
+                         const std::vector<gpurt_cuda_kernel> &known)
 {
+  const auto is_known = [&](const gpurt_cuda_kernel &k) {
+    return std::any_of(known.begin(), known.end(),
+                       [&](const gpurt_cuda_kernel &other) { return !std::strcmp(k.name, other.name); });
+  };
+  std::vector<gpurt_cuda_kernel> shown;
+  std::copy_if(kernels.begin(), kernels.end(), std::back_inserter(shown),
+               [&](const auto &k) { return !is_known(k); });
+  std::stable_sort(shown.begin(), shown.end(),
+                   [](const auto &a, const auto &b) { return a.registers > b.registers; });
+  if (shown.size() > max_shown_kernels) shown.resize(max_shown_kernels);
   std::string text;
-  for (const gpurt_cuda_kernel &k : kernels) {
-    text += fmt::format("{}{} registers, {:.0f} % occupancy", text.empty() ? "" : "; ", k.registers,
-                        100 * double(k.occupancy));
+  for (const gpurt_cuda_kernel &k : shown) {
+    text += fmt::format("{}{}: {} registers, {:.0f} % occupancy", text.empty() ? "" : "; ", k.name,
+                        k.registers, 100 * double(k.occupancy));
   }
   return text;
 }
@@ -273,6 +287,7 @@ class Report {
     if (!has_reference_) {
       has_reference_ = true;
       reference_ = m;
+      reference_name_ = s.name;
     }
     // Bits first: a fast schedule that answers otherwise is no schedule.
     const bool same = m.result == reference_.result;
@@ -288,10 +303,14 @@ class Report {
       print(std::move(line));
       return;
     }
-    const std::string counted = counters_text(m.counters);
+    const bool is_first = reference_name_ == s.name;
+    const std::string counted = counters_text(m.counters),
+                      kernels = kernels_text(
+                          m.kernels, is_first ? std::vector<gpurt_cuda_kernel>() : reference_.kernels);
     fmt::print("{:<28} {:>12.1f} {:>8.2f} {:>6}   {}{}{}\n", s.name, rate, factor,
-               s.talk != 0 ? fmt::format("{:.1f}", s.talk) : "", kernels_text(m.kernels),
-               counted.empty() ? "" : "; " + counted, same ? "" : "; DIFFERENT BITS");
+               s.talk != 0 ? fmt::format("{:.1f}", s.talk) : "", kernels,
+               counted.empty() ? "" : (kernels.empty() ? "" : "; ") + counted,
+               same ? "" : "; DIFFERENT BITS");
     std::fflush(stdout);
   }
 
@@ -312,7 +331,7 @@ class Report {
 
   const ScheduleOptions &o_;
   const gpurt_device_properties &properties_;
-  std::string what_;
+  std::string what_, reference_name_;
   bool has_reference_ = false, all_same_ = true;
   Measured reference_;
 };
