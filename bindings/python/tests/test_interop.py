@@ -309,6 +309,30 @@ def test_nothing_travels_through_the_host():
     assert kind.is_mine(hits.packed)
 
 
+def test_page_locked_memory_is_host_memory():
+    kind = Kind("torch", True)
+    ball, rays = make_ball(gpurt.Device("cuda")), many_rays()
+    expected = ball.trace(rays)
+    pinned = kind.module.from_numpy(rays).pin_memory()
+    hits = ball.trace(pinned)
+    assert not hits.packed.is_cuda
+    same_bits(Kind("torch", False), hits, expected)
+    vertices, indices = sphere(4)
+    scene = gpurt.Scene(ball.device)
+    scene.add_mesh(kind.module.from_numpy(vertices).pin_memory(), indices)
+    assert (scene.commit("bvh").trace(rays) == expected).all()
+
+
+def test_managed_memory_is_the_gpus():
+    kind = Kind("cupy", True)
+    cupy = kind.module
+    ball, rays = make_ball(gpurt.Device("cuda")), many_rays()
+    expected = ball.trace(rays)
+    with cupy.cuda.using_allocator(cupy.cuda.malloc_managed):
+        hits = ball.trace(kind.make(rays))
+        same_bits(kind, hits, expected)
+
+
 def test_cupy_streams_are_kept():
     kind = Kind("cupy", True)
     cupy = kind.module

@@ -21,6 +21,9 @@ UIntArray = npt.NDArray[np.uint32]
 PathLike = Union[str, bytes, "os.PathLike[str]", "os.PathLike[bytes]"]
 Vector = Union[Sequence[float], Array]
 
+#: Of DLPack: host memory, plain and page-locked by CUDA.
+HOST_DEVICES = (1, 3)
+
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
@@ -34,7 +37,7 @@ def as_array(value: Any, name: str) -> Array:
         raise InvalidArgument(f"{name}: has masked elements; fill or remove them")
     if hasattr(value, "__dlpack__") and not isinstance(value, (np.ndarray, np.generic)):
         device = value.__dlpack_device__() if hasattr(value, "__dlpack_device__") else (1, 0)
-        if device[0] != 1:  # kDLCPU
+        if device[0] not in HOST_DEVICES:
             raise InvalidArgument(f"{name}: lies on another device (DLPack type {int(device[0])}); this argument is read "
                                   "from host memory: copy it there first, such as with .cpu() or .get()")
         try:

@@ -11,9 +11,10 @@ from typing import Any, Optional, Tuple, Union
 import numpy as np
 
 from gpurt import _core
-from gpurt._arrays import Array, float_rows, index_rows, shape_text
+from gpurt._arrays import HOST_DEVICES, Array, float_rows, index_rows, shape_text
 from gpurt._libraries import Library, library_of
-from gpurt._memory import CPU, CUDA, DEFAULT_STREAM, DeviceArray, View, device_of, has_dlpack, numpy_view, place_text, view
+from gpurt._memory import (DEFAULT_STREAM, ON_GPU, DeviceArray, View, device_of, has_dlpack, numpy_view, place_text,
+                           view)
 from gpurt._names import HIT_FORMAT, QUERY
 from gpurt._trace import check_rays, slices
 from gpurt.device import Device
@@ -24,16 +25,16 @@ Rows = Union[Array, Tuple[_core.Buffer, int, int, int]]
 
 
 def _is_on_gpu(value: Any) -> bool:
-    return device_of(value)[0] == CUDA
+    return device_of(value)[0] in ON_GPU
 
 
 def _check_place(device: Device, value: Any, name: str, library: Library) -> None:
     """Memory that the device can reach: host memory, or its own."""
     kind, index = device_of(value)
-    if kind not in (CPU, CUDA):
+    if kind not in (*HOST_DEVICES, *ON_GPU):
         raise InvalidArgument(f"{name}: lies in {place_text((kind, index))}, which is neither host memory nor a CUDA "
                               f"device's own; {library.to_host}")
-    if kind == CPU:
+    if kind in HOST_DEVICES:
         return
     if not device._is_cuda:
         raise InvalidArgument(f"{name}: lies on CUDA device {index}, but the scene on the CPU; {library.to_host}, or "
@@ -82,7 +83,7 @@ class _Query:
     def target(self, array: Any, name: str, shape: Tuple[int, ...], dtype: str) -> View:
         """Where results go, after what the caller's work still does there."""
         found = _ready_view(self.device, array, name, self.stream)
-        if found.device[:1 + self.on_gpu] != self.rays.device[:1 + self.on_gpu]:
+        if found.on_host == self.on_gpu or (self.on_gpu and found.device[1] != self.rays.device[1]):
             raise found.refuse(f"expected an array where the rays are, in {self.rays.place}", "make it there")
         if found.shape != shape or found.dtype != dtype or not found.is_packed() or found.read_only:
             raise found.refuse(f"expected a writeable array without gaps of {dtype} {shape_text(shape)}",

@@ -12,7 +12,8 @@ from typing import Any, Optional, Sequence, Tuple
 import numpy as np
 
 from gpurt import _core
-from gpurt._memory import CUDA, DEFAULT_STREAM, DeviceArray, device_of, has_dlpack
+from gpurt._arrays import HOST_DEVICES
+from gpurt._memory import CPU, CUDA, DEFAULT_STREAM, ON_GPU, DeviceArray, device_of, has_dlpack
 
 
 class Library:
@@ -32,7 +33,7 @@ class Library:
     def empty(self, shape: Sequence[int], dtype: str, like: Any, device: _core.Device, needs: Any) -> Any:
         """An array for results, where `like` lies. `needs` is what work that writes it reads."""
         kind, index = device_of(like)
-        return DeviceArray(device, (kind if kind == CUDA else 1, index), shape, dtype, needs)
+        return DeviceArray(device, (CUDA, index) if kind in ON_GPU else (CPU, 0), shape, dtype, needs)
 
     def finish(self, array: Any) -> Any:
         """What `empty` gave, once it is written or will be, as the caller gets it."""
@@ -151,5 +152,5 @@ def library_of(value: Any) -> Optional[Library]:
         return None
     if has_dlpack(value):
         # In host memory numpy takes it, and hands out numpy arrays.
-        return Library() if device_of(value)[0] != 1 or isinstance(value, DeviceArray) else None
+        return Library() if device_of(value)[0] not in HOST_DEVICES or isinstance(value, DeviceArray) else None
     return Library() if hasattr(value, "__cuda_array_interface__") else None

@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from gpurt import _core
-from gpurt._arrays import shape_text
+from gpurt._arrays import HOST_DEVICES, shape_text
 from gpurt.errors import InvalidArgument
 
 # Types of devices, as DLPack numbers them.
 CPU, CUDA, CUDA_HOST, CUDA_MANAGED = 1, 2, 3, 13
-_HOST = (CPU, CUDA_HOST)
+#: What a GPU's queries read and write: its own memory, and what it shares with the host.
+ON_GPU = (CUDA, CUDA_MANAGED)
 _PLACES = {CPU: "host memory", CUDA: "CUDA device {}", CUDA_HOST: "pinned host memory", CUDA_MANAGED: "managed memory"}
 
 #: CUDA's legacy default stream, as DLPack and CUDA number it.
@@ -46,7 +47,7 @@ class View:
 
     @property
     def on_host(self) -> bool:
-        return self.device[0] in _HOST
+        return self.device[0] in HOST_DEVICES
 
     @property
     def size(self) -> int:
@@ -98,7 +99,7 @@ def numpy_view(array: npt.NDArray[Any], name: str) -> View:
 def view(value: Any, name: str, stream: Optional[int] = None) -> View:
     """The memory of an array. On a GPU its elements are ready for work that is queued on `stream` from now on."""
     if has_dlpack(value):
-        on_device = device_of(value)[0] not in _HOST
+        on_device = device_of(value)[0] not in HOST_DEVICES
         return _dlpack_view(value, name, stream if on_device else None)
     return _cuda_array_view(value, name)
 
