@@ -333,6 +333,20 @@ typedef struct gpurt_patches_desc {
 } gpurt_patches_desc;
 #define GPURT_PATCHES_DESC_INIT {sizeof(gpurt_patches_desc), 0, {NULL, NULL, 0, 0, 0}}
 
+/** Moves the vertices of a mesh: the next commit sees them.
+ *
+ *  @param vertices  As in gpurt_mesh_desc, as many as there are.
+ *  @param normals   NULL, where the mesh has none; else as many.
+ *
+ *  A FAST commit with accel BVH on a CUDA device refits its tree in place of building it, where the last commit built one of
+ *  the same triangles, none of them is degenerate, and the tree has not become much slower by it; hits are those of a new
+ *  tree. Others build anew. Imported kd-trees are dropped.
+ *  Errors: INVALID_ARGUMENT for a geometry that is no mesh, other numbers, or numbers that are not finite; the scene is
+ *  then as it was.
+ */
+GPURT_API gpurt_result gpurt_scene_set_vertices(gpurt_scene scene, uint32_t geometry, const gpurt_array *vertices,
+                                                const gpurt_array *normals);
+
 /** Adds bicubic Bezier patches. For rays they are tessellated at commit, to gpurt_build_desc.patch_tolerance.
  *
  *  Each patch becomes n x n cells of two triangles, n being one number for the geometry, so that neighbours that share
@@ -476,6 +490,15 @@ typedef enum gpurt_triangle_test {
   GPURT_TRIANGLE_TEST_FORCE32 = 0x7fffffff
 } gpurt_triangle_test;
 
+typedef enum gpurt_build_quality {
+  GPURT_BUILD_QUALITY_AUTO = 0, /* HIGH: the same tree, and so the same bits, on every device */
+  GPURT_BUILD_QUALITY_FAST = 1, /* CUDA, bvh: large trees are built on the device, in milliseconds a million triangles, and
+                                   trace within a few percent of the best. A ray that grazes triangles may meet another
+                                   one of those within its rounding than it does on the CPU. Elsewhere as HIGH */
+  GPURT_BUILD_QUALITY_HIGH = 2, /* the tree that traces fastest, built on the host's threads */
+  GPURT_BUILD_QUALITY_FORCE32 = 0x7fffffff
+} gpurt_build_quality;
+
 typedef struct gpurt_build_desc {
   uint32_t struct_size; /* set by GPURT_BUILD_DESC_INIT */
   gpurt_accel accel;
@@ -485,12 +508,13 @@ typedef struct gpurt_build_desc {
   float empty_bonus;     /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
   float patch_tolerance; /* largest distance, in metres of object space, between a patch and its triangles;
                                   0: 1e-4 of the diagonal of the patches' bounds */
-  uint32_t reserved;     /* 0 */
+  gpurt_build_quality quality;
   const char *
       tree_cache_path; /* kdtree: reuse the tree of this file if it fits the scene, else build and write it */
 } gpurt_build_desc;
 #define GPURT_BUILD_DESC_INIT \
-  {sizeof(gpurt_build_desc), GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, NULL}
+  {sizeof(gpurt_build_desc),   GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, \
+   GPURT_BUILD_QUALITY_AUTO, NULL}
 
 /** Builds the acceleration structure of a scene; queries and renders that start later see it.
  *
@@ -531,12 +555,17 @@ typedef struct gpurt_scene_facts {
   uint64_t num_references; /* triangle references in leaves */
   uint32_t tree_depth;
   uint32_t tree_from_cache; /* 1: read from the cache file or imported */
-  double build_seconds;
+  double build_seconds; /* of the whole commit */
   double sah_cost;
+  double accel_build_seconds; /* of these, to build the acceleration structure */
+  uint64_t build_peak_bytes;  /* device memory that its build held at a time, the structure included; 0: it was not
+                                 built on a CUDA device */
+  uint32_t tree_refitted;     /* 1: a tree was refitted to vertices that have moved */
+  uint32_t reserved;          /* 0 */
 } gpurt_scene_facts;
 #define GPURT_SCENE_FACTS_INIT \
   {sizeof(gpurt_scene_facts), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}, {0}, 0, 0, 0, 0, GPURT_ACCEL_AUTO, \
-   GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0}
+   GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}
 
 /** Reads counts and facts of a scene: of the description as it is now, but triangles, patches and bounds as of the
  *  last commit. Before the first commit what a commit adds is zero. */

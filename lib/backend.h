@@ -35,6 +35,8 @@ inline const char *accel_name(Accel accel)
   }
 }
 
+enum class BuildQuality : uint32_t { Auto = 0, Fast = 1, High = 2 };  // values of gpurt_build_quality
+
 /// A kd-tree handed in or out by the tree exchange. Tree 0 is group 0; 1 + g is the group of shared geometry g.
 struct HostKdTree {
   std::vector<KdNode> nodes;
@@ -43,15 +45,20 @@ struct HostKdTree {
   uint64_t num_triangles = 0;
 };
 
+class CommittedScene;
+
 struct BuildOptions {
   Accel accel = Accel::Auto;
   TriangleTest triangle_test = TriangleTest::Watertight;
+  BuildQuality quality = BuildQuality::Auto;
   uint32_t max_depth = 0;    // 0: 8 + 1.3 log2 N
   float traversal_cost = 0;  // 0: the builder's choice
   float empty_bonus = 0;     // 0: the builder's choice
   std::string cache_path;    // "": none
   std::vector<std::pair<uint32_t, std::shared_ptr<const HostKdTree>>>
       imported;  // (tree, nodes) to use in place of building
+  // A commit of the same triangles, whose vertices may have moved since: its trees may be refitted. Null: none.
+  std::shared_ptr<const CommittedScene> previous;
 };
 
 /// What a commit built, for gpurt_scene_facts.
@@ -64,6 +71,9 @@ struct AccelFacts {
   uint32_t tree_depth = 0;
   bool from_cache = false;
   double sah_cost = 0;
+  double build_seconds = 0;
+  uint64_t build_peak_bytes = 0;  // 0: not built on a device
+  bool is_refitted = false;
 };
 
 /// SceneView::t_error of an accelerator. A t of single precision is off by some ten roundings of the distances from the

@@ -7,7 +7,7 @@
 namespace gpurt {
 
 BvhTrees build_bvh_trees(const CompiledScene &scene, TriangleTest triangle_test,
-                         const std::shared_ptr<MemoryTracker> &memory)
+                         const std::shared_ptr<MemoryTracker> &memory, uint64_t most_triangles)
 {
   const size_t num_groups = scene.groups.size();
   std::vector<Box> boxes;
@@ -26,6 +26,7 @@ BvhTrees build_bvh_trees(const CompiledScene &scene, TriangleTest triangle_test,
       trees.placements = build_bvh(source, memory, stats[g]);
     } else {
       const Group &group = scene.groups[g];
+      if (group.num_triangles > most_triangles) return;
       source.count = group.num_triangles;
       source.positions = scene.positions.data();
       source.indices = scene.indices.data() + group.first_triangle;

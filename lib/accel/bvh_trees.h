@@ -11,10 +11,11 @@ struct BvhTrees {
   AccelFacts facts;             // all but the bytes, which depend on the backend's layout
 };
 
-/// Builds the trees on the threads of the calling task arena. `memory` may be null: nothing is accounted.
+/// Builds the trees on the threads of the calling task arena. `memory` may be null: nothing is accounted. Trees of groups
+/// with more than `most_triangles` are left empty: a backend builds them itself.
 /// Throws OUT_OF_MEMORY, UNSUPPORTED.
 BvhTrees build_bvh_trees(const CompiledScene &scene, TriangleTest triangle_test,
-                         const std::shared_ptr<MemoryTracker> &memory);
+                         const std::shared_ptr<MemoryTracker> &memory, uint64_t most_triangles = UINT64_MAX);
 
 /// What the tree exchange answers to a scene with this accelerator. Throws INVALID_ARGUMENT.
 [[noreturn]] void refuse_bvh_export();

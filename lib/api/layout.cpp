@@ -27,6 +27,9 @@ constexpr bool same(A a, B b)
 
 static_assert(same(Accel::Auto, GPURT_ACCEL_AUTO) && same(Accel::KdTree, GPURT_ACCEL_KDTREE));
 static_assert(same(Accel::Embree, GPURT_ACCEL_EMBREE) && same(Accel::Bvh, GPURT_ACCEL_BVH));
+static_assert(same(BuildQuality::Auto, GPURT_BUILD_QUALITY_AUTO) &&
+              same(BuildQuality::Fast, GPURT_BUILD_QUALITY_FAST) &&
+              same(BuildQuality::High, GPURT_BUILD_QUALITY_HIGH));
 static_assert(same(TriangleTest::Watertight, GPURT_TRIANGLE_WATERTIGHT));
 static_assert(same(TriangleTest::MollerTrumbore, GPURT_TRIANGLE_MOLLER_TRUMBORE));
 static_assert(same(TriangleTest::Double, GPURT_TRIANGLE_DOUBLE));

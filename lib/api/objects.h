@@ -63,8 +63,10 @@ struct Commit {
   Reservation reservation;  // of the compiled scene
   std::shared_ptr<const CompiledScene> compiled;
   std::shared_ptr<const CommittedScene> committed;
-  double build_seconds = 0;
+  double build_seconds = 0, backend_seconds = 0;  // of the whole; of the backend's part
   std::string accel_reason;
+  uint64_t shape_version = 0;  // of the scene
+  float patch_tolerance = 0;
 };
 
 struct Scene {
@@ -80,6 +82,7 @@ struct Scene {
   Reservation loaded_memory;                // of what a file brought
   std::vector<uint32_t> shared_geometries;  // whose arrays lie in buffers; under `changing`
   std::map<uint32_t, std::shared_ptr<const HostKdTree>> imported_trees;  // under `changing`
+  uint64_t shape_version = 0;  // changes with what triangles there are, but not with their vertices; under `changing`
 
   std::shared_ptr<const Commit> last_commit() const
   {

@@ -85,7 +85,15 @@ std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build
     plan.options.imported.assign(scene.imported_trees.begin(), scene.imported_trees.end());
   }
   commit->compiled = std::move(compiled);
+  commit->shape_version = scene.shape_version;
+  commit->patch_tolerance = desc.patch_tolerance;
+  // The same triangles, in the same order.
+  if (const auto last = scene.last_commit(); last && last->shape_version == commit->shape_version &&
+                                             last->patch_tolerance == commit->patch_tolerance)
+    plan.options.previous = last->committed;
+  const double compiled_at = steady_seconds();
   commit->committed = device.backend->commit(commit->compiled, plan.options);
+  commit->backend_seconds = steady_seconds() - compiled_at;
   commit->build_seconds = steady_seconds() - start;
   return commit;
 }
@@ -144,6 +152,10 @@ void describe(const Commit &commit, gpurt_scene_facts &facts)
   facts.tree_from_cache = accel.from_cache ? 1 : 0;
   facts.build_seconds = commit.build_seconds;
   facts.sah_cost = accel.sah_cost;
+  // On the CPU the backend does nothing else.
+  facts.accel_build_seconds = accel.build_seconds != 0 ? accel.build_seconds : commit.backend_seconds;
+  facts.build_peak_bytes = accel.build_peak_bytes;
+  facts.tree_refitted = accel.is_refitted ? 1 : 0;
 }
 
 }  // namespace
@@ -192,7 +204,7 @@ gpurt_result gpurt_scene_commit(gpurt_scene scene, const gpurt_build_desc *desc)
     const gpurt_build_desc d = read_optional_descriptor(desc);
     check_enum(d.accel, GPURT_ACCEL_BVH + 1, "accel", "gpurt_accel");
     check_enum(d.triangle_test, GPURT_TRIANGLE_DOUBLE + 1, "triangle_test", "gpurt_triangle_test");
-    check_reserved(d.reserved, "reserved");
+    check_enum(d.quality, GPURT_BUILD_QUALITY_HIGH + 1, "quality", "gpurt_build_quality");
     // The description does not change while this is held; it is read without data_mutex, so that others may read it too.
     const std::scoped_lock lock(s->changing);
     s->set_commit(build_commit(*s, d));

@@ -1,4 +1,6 @@
 // gpurt_scene_add_* and gpurt_scene_set_*: from the public structs to lib/scene, which knows the rules.
+#include <algorithm>
+
 #include "api/array.h"
 #include "api/descriptor.h"
 #include "api/guard.h"
@@ -51,13 +53,19 @@ class Change {
   const std::unique_lock<std::shared_mutex> data_;
 };
 
-// Which triangles a tree holds, and in which order, follows from geometries and instances.
 void drop_imported_trees(Scene &scene)
 {
   if (scene.imported_trees.empty()) return;
   scene.imported_trees.clear();
   (*scene.device->log)(GPURT_LOG_INFO,
                        "imported kd-trees are dropped: the geometry of the scene has changed");
+}
+
+// Which triangles a tree holds, and in which order, follows from geometries and instances.
+void change_shape(Scene &scene)
+{
+  ++scene.shape_version;
+  drop_imported_trees(scene);
 }
 
 TextureData read_texture(const gpurt_texture_desc &d, const Device &device)
@@ -187,8 +195,29 @@ gpurt_result gpurt_scene_add_mesh(gpurt_scene scene, const gpurt_mesh_desc *desc
     s->shared_geometries.reserve(s->shared_geometries.size() + 1);
     const uint32_t geometry = add_mesh(s->data, std::move(mesh), d.material);
     if (is_shared) s->shared_geometries.push_back(geometry);
-    drop_imported_trees(*s);
+    change_shape(*s);
     *out_geometry = geometry;
+  });
+}
+
+gpurt_result gpurt_scene_set_vertices(gpurt_scene scene, uint32_t geometry, const gpurt_array *vertices,
+                                      const gpurt_array *normals)
+{
+  return guard([&] {
+    const auto s = get(scene, "scene");
+    require(vertices, "vertices");
+    const Change change(*s);
+    bool is_shared = false;
+    SharedArray<Vec3f> new_vertices = read_array<Vec3f>(*vertices, "vertices", *s->device, &is_shared);
+    SharedArray<Vec3f> new_normals;
+    if (normals) new_normals = read_array<Vec3f>(*normals, "normals", *s->device, &is_shared);
+    auto &shared = s->shared_geometries;
+    const bool was_shared = std::find(shared.begin(), shared.end(), geometry) != shared.end();
+    shared.reserve(shared.size() + 1);
+    set_vertices(s->data, geometry, std::move(new_vertices), std::move(new_normals));
+    // Indices and texture coordinates may still be the caller's.
+    if (is_shared && !was_shared) shared.push_back(geometry);
+    drop_imported_trees(*s);
   });
 }
 
@@ -207,7 +236,7 @@ gpurt_result gpurt_scene_add_patches(gpurt_scene scene, const gpurt_patches_desc
     s->shared_geometries.reserve(s->shared_geometries.size() + 1);
     const uint32_t geometry = add_patches(s->data, std::move(patches), d.material);
     if (is_shared) s->shared_geometries.push_back(geometry);
-    drop_imported_trees(*s);
+    change_shape(*s);
     *out_geometry = geometry;
   });
 }
@@ -241,7 +270,7 @@ gpurt_result gpurt_scene_add_instance(gpurt_scene scene, const gpurt_instance_de
                    s->data.geometries.size());
     }
     const uint32_t instance = add_instance(s->data, d.geometry, transform_from(d.transform));
-    drop_imported_trees(*s);
+    change_shape(*s);
     *out_instance = instance;
   });
 }

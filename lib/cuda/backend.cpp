@@ -1,4 +1,6 @@
 // The CUDA device: its scenes, its memory, and the list of what is there.
+#include <algorithm>
+#include <chrono>
 #include <optional>
 
 #include "cuda/accel/device_bvh_accel.h"
@@ -18,6 +20,9 @@ namespace {
 // What kernels need: independent thread scheduling, and what NVIDIA's current compilers still compile for.
 constexpr uint32_t min_compute_capability = 75;
 
+// Trees of fewer triangles are built on the host: the device takes a few milliseconds for the smallest.
+constexpr uint64_t max_host_bvh_triangles = 2048;
+
 // What scenes, frames and jobs of a device share; scenes keep it alive.
 struct SharedDevice {
   DeviceInfo info;
@@ -34,11 +39,24 @@ class CudaScene final : public CommittedScene, public StreamTracing {
     trace_scene_.kd_trees = kd_trees_->view();
   }
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
-            const BvhTrees &trees)
-      : CudaScene(std::move(device), std::move(compiled), trees.facts, bvhs_, trees)
+            const BvhTrees &trees, uint64_t most_host_triangles, const DeviceBvhAccel *previous)
+      : CudaScene(std::move(device), std::move(compiled), trees.facts, bvhs_, trees, most_host_triangles,
+                  previous)
   {
     trace_scene_.bvhs = bvhs_->view();
     trace_scene_.has_bvhs = true;
+    uint64_t built_bytes = 0;
+    for (const DeviceBvh &tree : bvhs_->built()) {
+      facts_.num_nodes += tree.nodes.size();
+      facts_.num_references += tree.triangles.size();
+      facts_.tree_depth = std::max(facts_.tree_depth, tree.depth);
+      facts_.sah_cost += tree.sah_cost;
+      facts_.build_seconds += tree.seconds;
+      facts_.is_refitted |= tree.is_refitted;
+      // What was built before stays.
+      facts_.build_peak_bytes = std::max(facts_.build_peak_bytes, built_bytes + tree.peak_bytes);
+      built_bytes += tree.nodes.bytes() + tree.triangles.bytes();
+    }
   }
 
   ~CudaScene() override
@@ -50,6 +68,8 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   }
 
   const AccelFacts &accel_facts() const override { return facts_; }
+  /// Null for kd-trees.
+  const DeviceBvhAccel *bvhs() const { return bvhs_ ? &*bvhs_ : nullptr; }
 
   void trace(const TraceRequest &request) const override
   {
@@ -87,15 +107,16 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   }
 
  private:
-  template <class DeviceAccel, class Trees>
+  template <class DeviceAccel, class Trees, class... Options>
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
-            const AccelFacts &facts, std::optional<DeviceAccel> &accel, const Trees &trees)
+            const AccelFacts &facts, std::optional<DeviceAccel> &accel, const Trees &trees,
+            Options... options)
       : device_(std::move(device)), compiled_(std::move(compiled)), facts_(facts)
   {
     const DeviceScope scope(device_->memory->ordinal());
     const LaneLease lane = device_->lanes.acquire();
     scene_.emplace(*compiled_, device_->memory, lane->stream());
-    accel.emplace(*compiled_, scene_->view(), trees, device_->memory, lane->stream());
+    accel.emplace(*compiled_, scene_->view(), trees, options..., device_->memory, lane->stream());
     trace_scene_.scene = scene_->view();
     trace_scene_.scene.t_error = t_error(facts_);
     trace_scene_.triangle_test = facts_.triangle_test;
@@ -133,11 +154,7 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
       fail(GPURT_ERROR_UNSUPPORTED,
            "embree is an accelerator of the CPU; on a CUDA device use GPURT_ACCEL_BVH or GPURT_ACCEL_KDTREE");
     }
-    if (options.accel == Accel::Bvh) {
-      return std::make_shared<CudaScene>(device_, scene,
-                                         build_bvh_trees(*scene, options.triangle_test, nullptr));
-    }
-    return std::make_shared<CudaScene>(device_, scene, build_kd_trees(*scene, options, nullptr, log_));
+    return options.accel == Accel::Bvh ? commit_bvhs(scene, options) : commit_kd_trees(scene, options);
   }
 
   std::shared_ptr<void> allocate(uint64_t bytes) override
@@ -211,6 +228,46 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
   {
     if (ordinal != device_->info.ordinal)
       fail_invalid("ordinal is {}, but the device is CUDA device {}", ordinal, device_->info.ordinal);
+  }
+
+  std::shared_ptr<const CommittedScene> commit_bvhs(const std::shared_ptr<const CompiledScene> &scene,
+                                                    const BuildOptions &options)
+  {
+    const uint64_t most_host_triangles =
+        options.quality == BuildQuality::Fast ? max_host_bvh_triangles : UINT64_MAX;
+    const auto start = std::chrono::steady_clock::now();
+    BvhTrees trees = build_bvh_trees(*scene, options.triangle_test, nullptr, most_host_triangles);
+    trees.facts.build_seconds = seconds_since(start);
+    const auto *previous = dynamic_cast<const CudaScene *>(options.previous.get());
+    const auto committed = std::make_shared<CudaScene>(device_, scene, trees, most_host_triangles,
+                                                       previous != nullptr ? previous->bvhs() : nullptr);
+    for (const DeviceBvh &tree : committed->bvhs()->built()) {
+      if (!log_) break;
+      log_(GPURT_LOG_INFO,
+           tree.is_refitted
+               ? fmt::format("a bvh of {} references was refitted in {:.2f} ms; its SAH cost is {:.3f} of "
+                             "what it was built with",
+                             tree.triangles.size(), tree.seconds * 1e3, tree.sah_cost / tree.built_sah_cost)
+               : fmt::format("a bvh of {} references was built on the device in {:.2f} ms, of which "
+                             "references {:.2f}, splits {:.2f}, layout {:.2f}; it held {} bytes",
+                             tree.triangles.size(), tree.seconds * 1e3, tree.reference_seconds * 1e3,
+                             tree.split_seconds * 1e3, tree.layout_seconds * 1e3, tree.peak_bytes));
+    }
+    return committed;
+  }
+
+  std::shared_ptr<const CommittedScene> commit_kd_trees(const std::shared_ptr<const CompiledScene> &scene,
+                                                        const BuildOptions &options)
+  {
+    const auto start = std::chrono::steady_clock::now();
+    KdTrees trees = build_kd_trees(*scene, options, nullptr, log_);
+    trees.facts.build_seconds = seconds_since(start);
+    return std::make_shared<CudaScene>(device_, scene, trees);
+  }
+
+  static double seconds_since(std::chrono::steady_clock::time_point start)
+  {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
 
   std::shared_ptr<SharedDevice> device_;

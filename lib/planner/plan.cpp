@@ -57,6 +57,7 @@ BuildPlan plan_build(const gpurt_build_desc &desc, const DeviceInfo &device, boo
 
   BuildPlan plan;
   plan.options.triangle_test = TriangleTest(desc.triangle_test);
+  plan.options.quality = BuildQuality(desc.quality);
   plan.options.max_depth = desc.max_depth;
   plan.options.traversal_cost = desc.traversal_cost;
   plan.options.empty_bonus = desc.empty_bonus;

@@ -108,7 +108,8 @@ uint32_t add_texture(SceneData &scene, TextureData texture)
     fail_invalid("the texture has {} bytes of texels; {} x {} texels of its format take {}",
                  texture.texels ? texture.texels->size() : 0, texture.width, texture.height, expected);
   }
-  check_texels(texture, [](float x, int) { return !is_finite(x); }, "it must be finite");
+  check_texels(
+      texture, [](float x, int) { return !is_finite(x); }, "it must be finite");
   scene.textures.push_back(std::move(texture));
   return uint32_t(scene.textures.size() - 1);
 }
@@ -219,6 +220,30 @@ uint32_t add_mesh(SceneData &scene, MeshData mesh, uint32_t material)
   geometry.mesh = std::move(mesh);
   scene.geometries.push_back(std::move(geometry));
   return uint32_t(scene.geometries.size() - 1);
+}
+
+void set_vertices(SceneData &scene, uint64_t geometry, SharedArray<Vec3f> vertices,
+                  SharedArray<Vec3f> normals)
+{
+  if (geometry >= scene.geometries.size()) {
+    fail_invalid("geometry is {}, but the scene has {} geometries, which count from 0", geometry,
+                 scene.geometries.size());
+  }
+  GeometryData &g = scene.geometries[geometry];
+  if (g.kind != GeometryKind::Mesh)
+    fail_invalid("geometry {} is no mesh; only meshes have vertices to set", geometry);
+  if (vertices.size() != g.mesh.vertices.size()) {
+    fail_invalid("there are {} vertices for a mesh of {}; give as many, or add another mesh", vertices.size(),
+                 g.mesh.vertices.size());
+  }
+  if (normals.size() != g.mesh.normals.size()) {
+    fail_invalid("there are {} normals for a mesh with {}; give as many", normals.size(),
+                 g.mesh.normals.size());
+  }
+  check_finite_array(vertices, "vertex", is_finite_vec3);
+  check_finite_array(normals, "normal", is_finite_vec3);
+  g.mesh.vertices = std::move(vertices);
+  g.mesh.normals = std::move(normals);
 }
 
 uint32_t add_patches(SceneData &scene, PatchData patches, uint32_t material)

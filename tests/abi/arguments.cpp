@@ -398,7 +398,7 @@ TEST_F(Arguments, Commits)
   refuse_commit("traversal_cost", [](auto &d) { d.traversal_cost = -1; });
   refuse_commit("empty_bonus", [](auto &d) { d.empty_bonus = inf_value; });
   refuse_commit("patch_tolerance", [](auto &d) { d.patch_tolerance = -1; });
-  refuse_commit("reserved", [](auto &d) { d.reserved = 2; });
+  refuse_commit("quality", [](auto &d) { d.quality = gpurt_build_quality(7); });
   refuse_commit(
       "GPURT_ACCEL_KDTREE",
       [](auto &d) {

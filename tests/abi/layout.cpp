@@ -137,10 +137,10 @@ FIELD(gpurt_build_desc, max_depth, 12);
 FIELD(gpurt_build_desc, traversal_cost, 16);
 FIELD(gpurt_build_desc, empty_bonus, 20);
 FIELD(gpurt_build_desc, patch_tolerance, 24);
-FIELD(gpurt_build_desc, reserved, 28);
+FIELD(gpurt_build_desc, quality, 28);
 FIELD(gpurt_build_desc, tree_cache_path, 32);
 
-SIZE(gpurt_scene_facts, 168);
+SIZE(gpurt_scene_facts, 192);
 FIELD(gpurt_scene_facts, struct_size, 0);
 FIELD(gpurt_scene_facts, num_geometries, 4);
 FIELD(gpurt_scene_facts, num_instances, 8);
@@ -169,6 +169,10 @@ FIELD(gpurt_scene_facts, tree_depth, 144);
 FIELD(gpurt_scene_facts, tree_from_cache, 148);
 FIELD(gpurt_scene_facts, build_seconds, 152);
 FIELD(gpurt_scene_facts, sah_cost, 160);
+FIELD(gpurt_scene_facts, accel_build_seconds, 168);
+FIELD(gpurt_scene_facts, build_peak_bytes, 176);
+FIELD(gpurt_scene_facts, tree_refitted, 184);
+FIELD(gpurt_scene_facts, reserved, 188);
 
 SIZE(gpurt_kdtree_node, 8);
 FIELD(gpurt_kdtree_node, word, 0);
@@ -394,6 +398,9 @@ VALUE(GPURT_ACCEL_EMBREE, 2);
 VALUE(GPURT_ACCEL_BVH, 3);
 SIZE(gpurt_accel, 4);
 
+VALUE(GPURT_BUILD_QUALITY_AUTO, 0);
+VALUE(GPURT_BUILD_QUALITY_FAST, 1);
+VALUE(GPURT_BUILD_QUALITY_HIGH, 2);
 VALUE(GPURT_TRIANGLE_WATERTIGHT, 0);
 VALUE(GPURT_TRIANGLE_MOLLER_TRUMBORE, 1);
 VALUE(GPURT_TRIANGLE_DOUBLE, 2);

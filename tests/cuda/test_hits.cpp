@@ -334,6 +334,117 @@ TEST(CudaTrees, AreExchangedBetweenDevices)
   compare_queries(scenes, amount(100'000, 10'000));
 }
 
+// Trees that the device builds are not those of the CPU. A ray that grazes a triangle, as one aimed at a vertex of a fine
+// mesh can, may then meet another of several triangles that lie within its rounding: fewer than one in 100,000 of these rays.
+void expect_nearly_same_hits(const ScenePair &scenes, uint64_t num_rays)
+{
+  const std::vector<gpurt_ray> rays = make_rays(scenes.targets, 0, num_rays);
+  const auto expected = trace<gpurt_hit>(scenes.reference, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays);
+  const auto tested = trace<gpurt_hit>(scenes.tested, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays);
+  const auto any = trace<uint8_t>(scenes.tested, GPURT_QUERY_ANY, GPURT_HIT_FULL, rays);
+  uint64_t num_different = 0, num_hits = 0;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    const bool is_hit = expected[i].primitive != GPURT_INVALID_ID;
+    num_hits += is_hit;
+    if (same_bits(tested[i], expected[i]) && any[i] == uint8_t(is_hit)) continue;
+    ++num_different;
+    std::printf("ray %zu (%s): %s\n  expected %s\n  but      %s, any %d\n", i, ray_kind_name(i),
+                describe(rays[i]).c_str(), describe(expected[i]).c_str(), describe(tested[i]).c_str(),
+                int(any[i]));
+  }
+  EXPECT_LE(num_different, num_rays / 100'000);
+  EXPECT_GT(num_hits, num_rays / 25);
+}
+
+void commit_fast(gpurt_scene scene)
+{
+  gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
+  desc.accel = GPURT_ACCEL_BVH;
+  desc.quality = GPURT_BUILD_QUALITY_FAST;
+  GPURT_EXPECT_OK(gpurt_scene_commit(scene, &desc));
+}
+
+gpurt_scene_facts facts_of(gpurt_scene scene)
+{
+  gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
+  GPURT_EXPECT_OK(gpurt_scene_get_facts(scene, &facts));
+  return facts;
+}
+
+TEST(CudaFastBvhs, HitWhatTheCpusHit)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const DevicePair devices = cpu_and_cuda();
+  for (const TestScene &content : test_scenes()) {
+    SCOPED_TRACE(content.name);
+    const ScenePair scenes = make_scenes(devices, content, GPURT_TRIANGLE_WATERTIGHT, GPURT_ACCEL_BVH);
+    const gpurt_scene_facts host = facts_of(scenes.tested);
+    EXPECT_EQ(host.build_peak_bytes, 0u);
+    commit_fast(scenes.tested);
+    const gpurt_scene_facts facts = facts_of(scenes.tested);
+    const bool has_large_trees = content.name != "city";
+    EXPECT_EQ(facts.build_peak_bytes != 0, has_large_trees);
+    EXPECT_EQ(facts.tree_refitted, 0u);
+    EXPECT_GT(facts.accel_build_seconds, 0.0);
+    EXPECT_LT(facts.accel_build_seconds, facts.build_seconds);
+    EXPECT_LT(facts.sah_cost, host.sah_cost * 1.05);
+    EXPECT_GE(facts.num_references, facts.num_triangles * 9 / 10);
+    EXPECT_LE(facts.tree_depth, 64u);
+    expect_nearly_same_hits(scenes, amount(1'000'000, 20'000));
+    compare_all_hits(scenes, amount(50'000, 2'000));
+  }
+}
+
+TEST(CudaFastBvhs, AreRefittedToVerticesThatMove)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const DevicePair devices = cpu_and_cuda();
+  ScenePair pair;
+  Mesh mesh = icosphere(6);
+  GPURT_ASSERT_OK(gpurt_scene_create(devices.reference, pair.reference.out()));
+  GPURT_ASSERT_OK(gpurt_scene_create(devices.tested, pair.tested.out()));
+  for (Scene *scene : {&pair.reference, &pair.tested}) add_mesh(*scene, mesh);
+  commit_fast(pair.tested);
+  const gpurt_scene_facts built = facts_of(pair.tested);
+  const auto move = [&](auto &&map) {
+    mesh.map(map);
+    gpurt_array vertices{};
+    vertices.data = mesh.vertices.data();
+    vertices.count = mesh.vertices.size();
+    for (Scene *scene : {&pair.reference, &pair.tested}) {
+      GPURT_EXPECT_OK(gpurt_scene_set_vertices(*scene, 0, &vertices, nullptr));
+      commit_fast(*scene);
+    }
+    pair.targets.mesh = mesh;
+    set_bounds(pair.targets);
+    expect_nearly_same_hits(pair, amount(1'000'000, 20'000));
+  };
+  // Little by little the tree stays good.
+  for (int frame = 0; frame < 3; ++frame) {
+    move([](Vec v) { return Vec{v[0] * 1.02f + 0.01f * v[1], v[1], v[2] - 0.02f * v[0]}; });
+    const gpurt_scene_facts facts = facts_of(pair.tested);
+    EXPECT_EQ(facts.tree_refitted, 1u);
+    EXPECT_EQ(facts.num_nodes, built.num_nodes);
+    EXPECT_EQ(facts.num_references, built.num_references);
+    EXPECT_EQ(facts_of(pair.reference).tree_refitted, 0u);
+  }
+  // Turned inside out, halves of it change places: built anew.
+  Random random(12);
+  move([&](Vec v) {
+    const float side = random.below(2) ? 1.0f : -1.0f;
+    return Vec{side * v[0], v[1], v[2]};
+  });
+  EXPECT_EQ(facts_of(pair.tested).tree_refitted, 0u);
+  // Another mesh: other triangles.
+  move([](Vec v) { return v; });
+  EXPECT_EQ(facts_of(pair.tested).tree_refitted, 1u);
+  for (Scene *scene : {&pair.reference, &pair.tested}) {
+    add_mesh(*scene, icosphere(2));
+    commit_fast(*scene);
+  }
+  EXPECT_EQ(facts_of(pair.tested).tree_refitted, 0u);
+}
+
 // Threads that use one device, and one scene, at the same time get what they get alone.
 TEST(CudaThreads, TraceSideBySide)
 {

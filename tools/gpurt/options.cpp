@@ -26,6 +26,9 @@ constexpr Named accels[] = {{"auto", GPURT_ACCEL_AUTO},
 constexpr Named tests[] = {{"watertight", GPURT_TRIANGLE_WATERTIGHT},
                            {"moller-trumbore", GPURT_TRIANGLE_MOLLER_TRUMBORE},
                            {"double", GPURT_TRIANGLE_DOUBLE}};
+constexpr Named qualities[] = {{"auto", GPURT_BUILD_QUALITY_AUTO},
+                               {"fast", GPURT_BUILD_QUALITY_FAST},
+                               {"high", GPURT_BUILD_QUALITY_HIGH}};
 constexpr Named pipelines[] = {{"auto", GPURT_PIPELINE_AUTO},
                                {"path", GPURT_PIPELINE_PATH},
                                {"photon", GPURT_PIPELINE_PHOTON},
@@ -151,6 +154,12 @@ void BuildOptions::add_to(CLI::App &command)
       ->type_name("NAME")
       ->capture_default_str();
   command
+      .add_option("--build-quality", quality,
+                  "auto, fast (CUDA, bvh: built on the device) or high (the tree that traces fastest)")
+      ->check(one_of(qualities))
+      ->type_name("NAME")
+      ->capture_default_str();
+  command
       .add_option("--tree-cache", tree_cache,
                   "read the kd-tree from this file if it fits the scene, else write it")
       ->type_name("FILE");
@@ -161,6 +170,7 @@ gpurt_build_desc BuildOptions::desc() const
   gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
   desc.accel = gpurt_accel(value_in(accels, accel, "--accel"));
   desc.triangle_test = gpurt_triangle_test(value_in(tests, triangle_test, "--triangle-test"));
+  desc.quality = gpurt_build_quality(value_in(qualities, quality, "--build-quality"));
   if (!tree_cache.empty()) desc.tree_cache_path = tree_cache.c_str();
   return desc;
 }

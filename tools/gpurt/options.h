@@ -20,10 +20,11 @@ struct DeviceOptions {
   Device create(gpurt_device_type type = GPURT_DEVICE_AUTO) const;
 };
 
-/// --accel, --triangle-test, --tree-cache.
+/// --accel, --triangle-test, --build-quality, --tree-cache.
 struct BuildOptions {
   std::string accel = "auto";
   std::string triangle_test = "watertight";
+  std::string quality = "auto";
   std::string tree_cache;
 
   void add_to(CLI::App &command);

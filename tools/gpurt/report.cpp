@@ -74,6 +74,9 @@ Json to_json(const gpurt_scene_facts &f)
     json["tree_from_cache"] = f.tree_from_cache != 0;
     json["build_seconds"] = f.build_seconds;
     json["sah_cost"] = f.sah_cost;
+    json["accel_build_seconds"] = f.accel_build_seconds;
+    if (f.tree_refitted) json["tree_refitted"] = true;
+    if (f.build_peak_bytes) json["build_peak_bytes"] = f.build_peak_bytes;
   }
   return json;
 }

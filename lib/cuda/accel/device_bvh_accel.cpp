@@ -1,11 +1,35 @@
 #include "cuda/accel/device_bvh_accel.h"
 
+#include "cuda/accel/build/refit.h"
 #include "cuda/accel/kernels.h"
 #include "cuda/lanes.h"
 
 namespace gpurt::cuda {
+namespace {
+
+// A refitted tree that the surface area heuristic expects to be slower than it was by more than this is built anew: a
+// build takes about five times as long as a refit.
+constexpr double max_drift = 1.3;
+
+DeviceBvh build_or_refit(const DeviceBvh *old, const SceneView &view, const Group &group,
+                         const std::shared_ptr<DeviceMemory> &memory, cudaStream_t stream)
+{
+  double seconds = 0;
+  if (old != nullptr && old->is_complete && old->root != bvh_empty) {
+    bool fits;
+    DeviceBvh tree = refit_bvh(*old, view, memory, stream, fits);
+    if (fits && tree.sah_cost <= max_drift * tree.built_sah_cost) return tree;
+    seconds = tree.seconds;
+  }
+  DeviceBvh tree = build_bvh_on_device(view, group, memory, stream);
+  tree.seconds += seconds;
+  return tree;
+}
+
+}  // namespace
 
 DeviceBvhAccel::DeviceBvhAccel(const CompiledScene &scene, const SceneView &view, const BvhTrees &trees,
+                               uint64_t most_host_triangles, const DeviceBvhAccel *previous,
                                const std::shared_ptr<DeviceMemory> &memory, cudaStream_t stream)
 {
   uint64_t num_nodes = trees.placements.nodes.size(), num_references = 0;
@@ -30,6 +54,15 @@ DeviceBvhAccel::DeviceBvhAccel(const CompiledScene &scene, const SceneView &view
   };
   std::vector<BvhGroupView> group_views;
   for (size_t g = 0; g < trees.groups.size(); ++g) {
+    if (scene.groups[g].num_triangles > most_host_triangles) {
+      const DeviceBvh *old = previous != nullptr && built_.size() < previous->built_.size()
+                                 ? &previous->built_[built_.size()]
+                                 : nullptr;
+      const DeviceBvh &tree = built_.emplace_back(build_or_refit(old, view, scene.groups[g], memory, stream));
+      group_views.push_back(
+          {{tree.nodes.data(), nullptr, tree.bounds, tree.center, tree.root}, tree.triangles.data()});
+      continue;
+    }
     const HostBvh &tree = trees.groups[g];
     uint32_t *group_references = references.data() + first_reference;
     LeafTriangle *triangles = triangles_.data() + first_reference;
@@ -47,7 +80,9 @@ DeviceBvhAccel::DeviceBvhAccel(const CompiledScene &scene, const SceneView &view
 
 uint64_t DeviceBvhAccel::bytes() const
 {
-  return nodes_.bytes() + triangles_.bytes() + placement_references_.bytes() + groups_.bytes();
+  uint64_t bytes = nodes_.bytes() + triangles_.bytes() + placement_references_.bytes() + groups_.bytes();
+  for (const DeviceBvh &tree : built_) bytes += tree.nodes.bytes() + tree.triangles.bytes();
+  return bytes;
 }
 
 }  // namespace gpurt::cuda

@@ -161,7 +161,8 @@ py::dict get_camera(const Scene &scene, uint32_t camera)
 }
 
 void commit(Scene &scene, int accel, int triangle_test, uint32_t max_depth, float traversal_cost,
-            float empty_bonus, float patch_tolerance, const std::optional<py::bytes> &tree_cache)
+            float empty_bonus, float patch_tolerance, const std::optional<py::bytes> &tree_cache,
+            int quality)
 {
   gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
   desc.accel = static_cast<gpurt_accel>(accel);
@@ -170,6 +171,7 @@ void commit(Scene &scene, int accel, int triangle_test, uint32_t max_depth, floa
   desc.traversal_cost = traversal_cost;
   desc.empty_bonus = empty_bonus;
   desc.patch_tolerance = patch_tolerance;
+  desc.quality = static_cast<gpurt_build_quality>(quality);
   std::string path;
   if (tree_cache) {
     path = to_path(*tree_cache);
@@ -197,7 +199,8 @@ py::dict get_facts(const Scene &scene)
       "scene_bytes"_a = facts.scene_bytes, "num_nodes"_a = facts.num_nodes,
       "num_references"_a = facts.num_references, "tree_depth"_a = facts.tree_depth,
       "tree_from_cache"_a = facts.tree_from_cache != 0, "build_seconds"_a = facts.build_seconds,
-      "sah_cost"_a = facts.sah_cost);
+      "sah_cost"_a = facts.sah_cost, "accel_build_seconds"_a = facts.accel_build_seconds,
+      "build_peak_bytes"_a = facts.build_peak_bytes, "tree_refitted"_a = facts.tree_refitted != 0);
 }
 
 // With nodes and references None it tells the sizes, else it fills the arrays.
@@ -264,7 +267,7 @@ void bind_scene(py::module_ &module)
       .def("camera", get_camera, py::arg("camera"))
       .def("commit", commit, py::arg("accel"), py::arg("triangle_test"), py::arg("max_depth"),
            py::arg("traversal_cost"), py::arg("empty_bonus"), py::arg("patch_tolerance"),
-           py::arg("tree_cache"))
+           py::arg("tree_cache"), py::arg("quality"))
       .def("facts", get_facts)
       .def("export_tree", export_tree, py::arg("tree"), py::arg("nodes"), py::arg("references"))
       .def("import_tree", import_tree, py::arg("tree"), py::arg("num_triangles"), py::arg("bounds_min"),

@@ -14,8 +14,8 @@ from gpurt._arrays import (IDENTITY, Array, FloatArray, PathLike, UIntArray, Vec
                            shape_text, to_count, to_float32, to_number, to_path, to_transform, to_uint32, to_vec3)
 from gpurt._foreign import mesh_rows, trace_foreign
 from gpurt._libraries import library_of
-from gpurt._names import (ACCEL, CAMERA_TYPE, FILTER, LIGHT_TYPE, MATERIAL_TYPE, SUBDIVISION_SCHEME, TRIANGLE_TEST,
-                          WRAP)
+from gpurt._names import (ACCEL, BUILD_QUALITY, CAMERA_TYPE, FILTER, LIGHT_TYPE, MATERIAL_TYPE, SUBDIVISION_SCHEME,
+                          TRIANGLE_TEST, WRAP)
 from gpurt._trace import make_rays, trace
 from gpurt.device import Device, default_device, refuse_pickling
 from gpurt.errors import InvalidArgument
@@ -68,6 +68,9 @@ class SceneFacts:
     tree_from_cache: bool  #: read from the cache file or imported
     build_seconds: float
     sah_cost: float
+    accel_build_seconds: float  #: of build_seconds, to build the acceleration structure
+    build_peak_bytes: int  #: device memory that its build held at a time; 0: it was not built on a GPU
+    tree_refitted: bool  #: to vertices that have moved
 
 
 @dataclasses.dataclass(frozen=True)
@@ -310,7 +313,7 @@ class Scene:
 
     def commit(self, accel: str = "auto", *, triangle_test: str = "watertight", max_depth: int = 0,
                traversal_cost: float = 0, empty_bonus: float = 0, patch_tolerance: float = 0,
-               tree_cache: Optional[PathLike] = None) -> "Scene":
+               tree_cache: Optional[PathLike] = None, quality: str = "auto") -> "Scene":
         """Builds the acceleration structure and returns the scene; what starts later sees it.
 
         :param accel: "auto" (CPU: embree, GPU: bvh), "kdtree" (the same bits on every device), "embree" (CPU
@@ -322,6 +325,9 @@ class Scene:
         :param patch_tolerance: largest distance in metres of object space between a patch and its triangles; 0:
             1e-4 of the diagonal of the patches' bounds.
         :param tree_cache: file of a kd-tree: reused if it fits the scene, else written.
+        :param quality: "fast" (GPU, bvh: large trees are built on the device, in milliseconds a million triangles; rays
+            that graze triangles may meet others within their rounding than on the CPU) or "high" (the tree that traces
+            fastest, built on the host's threads); "auto": "high".
 
         A failed commit leaves the previous one in force; work in flight keeps the commit that it started with.
         Python's lock is released; Ctrl-C is noticed when the build is done.
@@ -331,7 +337,8 @@ class Scene:
         with self.device._log_errors():
             self._core.commit(ACCEL.value(accel), TRIANGLE_TEST.value(triangle_test), to_count(max_depth, "max_depth"),
                               to_number(traversal_cost, "traversal_cost"), to_number(empty_bonus, "empty_bonus"),
-                              to_number(patch_tolerance, "patch_tolerance"), optional_path(tree_cache))
+                              to_number(patch_tolerance, "patch_tolerance"), optional_path(tree_cache),
+                              BUILD_QUALITY.value(quality))
         return self
 
     @property

@@ -294,6 +294,14 @@ pub struct gpurt_patches_desc {
     pub control_points: gpurt_array,
 }
 extern "C" {
+    pub fn gpurt_scene_set_vertices(
+        scene: gpurt_scene,
+        geometry: u32,
+        vertices: *const gpurt_array,
+        normals: *const gpurt_array,
+    ) -> gpurt_result;
+}
+extern "C" {
     pub fn gpurt_scene_add_patches(
         scene: gpurt_scene,
         desc: *const gpurt_patches_desc,
@@ -415,6 +423,11 @@ pub const GPURT_TRIANGLE_MOLLER_TRUMBORE: gpurt_triangle_test = 1;
 pub const GPURT_TRIANGLE_DOUBLE: gpurt_triangle_test = 2;
 pub const GPURT_TRIANGLE_TEST_FORCE32: gpurt_triangle_test = 2147483647;
 pub type gpurt_triangle_test = ::std::os::raw::c_uint;
+pub const GPURT_BUILD_QUALITY_AUTO: gpurt_build_quality = 0;
+pub const GPURT_BUILD_QUALITY_FAST: gpurt_build_quality = 1;
+pub const GPURT_BUILD_QUALITY_HIGH: gpurt_build_quality = 2;
+pub const GPURT_BUILD_QUALITY_FORCE32: gpurt_build_quality = 2147483647;
+pub type gpurt_build_quality = ::std::os::raw::c_uint;
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
 pub struct gpurt_build_desc {
@@ -425,7 +438,7 @@ pub struct gpurt_build_desc {
     pub traversal_cost: f32,
     pub empty_bonus: f32,
     pub patch_tolerance: f32,
-    pub reserved: u32,
+    pub quality: gpurt_build_quality,
     pub tree_cache_path: *const ::std::os::raw::c_char,
 }
 extern "C" {
@@ -462,6 +475,10 @@ pub struct gpurt_scene_facts {
     pub tree_from_cache: u32,
     pub build_seconds: f64,
     pub sah_cost: f64,
+    pub accel_build_seconds: f64,
+    pub build_peak_bytes: u64,
+    pub tree_refitted: u32,
+    pub reserved: u32,
 }
 extern "C" {
     pub fn gpurt_scene_get_facts(

@@ -182,12 +182,13 @@ macro_rules! with_descriptors {
             gpurt_camera_desc { struct_size type_ transform yfov_rad lens_radius focus_distance shutter_open
                 shutter_close width height }
             gpurt_build_desc { struct_size accel triangle_test max_depth traversal_cost empty_bonus
-                patch_tolerance reserved tree_cache_path }
+                patch_tolerance quality tree_cache_path }
             gpurt_scene_facts { struct_size num_geometries num_instances num_materials num_textures
                 num_cameras num_point_lights num_distant_lights num_patches num_triangles num_world_triangles
                 num_emissive_triangles bounds_min bounds_max has_environment has_glass has_alpha_masks
                 is_committed accel triangle_test accel_bytes scene_bytes num_nodes num_references tree_depth
-                tree_from_cache build_seconds sah_cost }
+                tree_from_cache build_seconds sah_cost accel_build_seconds build_peak_bytes tree_refitted
+                reserved }
             gpurt_kdtree { struct_size tree num_nodes num_references num_triangles bounds_min bounds_max nodes
                 references }
             gpurt_trace_desc { struct_size query format storage num_rays rays hits occluded offsets

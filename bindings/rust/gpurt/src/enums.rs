@@ -95,6 +95,19 @@ c_enum! {
 }
 
 c_enum! {
+    /// How much time building an acceleration structure may take.
+    BuildQuality {
+        /// `High`: the same tree, and so the same bits, on every device.
+        Auto = GPURT_BUILD_QUALITY_AUTO,
+        /// CUDA, bvh: large trees are built on the device, in milliseconds a million triangles. Rays that graze
+        /// triangles may meet others within their rounding than on the CPU. Elsewhere as `High`.
+        Fast = GPURT_BUILD_QUALITY_FAST,
+        /// The tree that traces fastest, built on the host's threads.
+        High = GPURT_BUILD_QUALITY_HIGH,
+    }
+}
+
+c_enum! {
     /// The intersection test of a ray and a triangle.
     TriangleTest {
         /// Woop, Benthin and Wald 2013; Embree: its robust mode.

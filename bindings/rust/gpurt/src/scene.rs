@@ -32,6 +32,8 @@ pub struct BuildDesc {
     /// Largest distance, in metres of object space, between a patch and its triangles; 0: 1e-4 of the
     /// diagonal of the patches' bounds.
     pub patch_tolerance: f32,
+    /// How much time building may take.
+    pub quality: BuildQuality,
     /// Kd-tree: reuse the tree of this file if it fits the scene, else build and write it.
     pub tree_cache: Option<PathBuf>,
 }
@@ -45,6 +47,7 @@ impl Default for BuildDesc {
             traversal_cost: 0.0,
             empty_bonus: 0.0,
             patch_tolerance: 0.0,
+            quality: BuildQuality::Auto,
             tree_cache: None,
         }
     }
@@ -252,6 +255,7 @@ impl Scene {
             traversal_cost: build.traversal_cost,
             empty_bonus: build.empty_bonus,
             patch_tolerance: build.patch_tolerance,
+            quality: build.quality as u32,
             tree_cache_path: cache.as_ref().map_or(ptr::null(), |path| path.as_ptr()),
             ..Default::default()
         };
@@ -344,6 +348,10 @@ filled_struct! {
             build_seconds: f64,
             /// Expected cost of a ray by the surface area heuristic.
             sah_cost: f64,
+            /// Of `build_seconds`, to build the acceleration structure.
+            accel_build_seconds: f64,
+            /// Device memory that its build held at a time; 0: it was not built on a CUDA device.
+            build_peak_bytes: u64,
         }
         converted {
             /// There is light from infinity.
@@ -358,6 +366,8 @@ filled_struct! {
             accel: Accel = Accel::from_raw(raw.accel)?,
             /// What the last commit was made for.
             triangle_test: TriangleTest = TriangleTest::from_raw(raw.triangle_test)?,
+            /// A tree was refitted to vertices that have moved.
+            tree_refitted: bool = raw.tree_refitted != 0,
             /// The tree was read from the cache file or imported.
             tree_from_cache: bool = raw.tree_from_cache != 0,
         }
