@@ -241,6 +241,11 @@ class Scene : public Handle<gpurt_scene, gpurt_scene_retain, gpurt_scene_release
   uint32_t add(const gpurt_instance_desc &desc) const { return add_with(gpurt_scene_add_instance, desc); }
   uint32_t add(const gpurt_light_desc &desc) const { return add_with(gpurt_scene_add_light, desc); }
   uint32_t add(const gpurt_camera_desc &desc) const { return add_with(gpurt_scene_add_camera, desc); }
+  void set_vertices(uint32_t geometry, const gpurt_array &vertices,
+                    const gpurt_array *normals = nullptr) const
+  {
+    check(gpurt_scene_set_vertices(get(), geometry, &vertices, normals));
+  }
   void set(const gpurt_environment_desc &desc) const { check(gpurt_scene_set_environment(get(), &desc)); }
 
   /// Adds a mesh from flat arrays of x y z and of corners, placed once where it is.

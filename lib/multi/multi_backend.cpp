@@ -52,7 +52,11 @@ class MultiBackend final : public Backend, public StreamOrdering {
   {
     std::vector<std::shared_ptr<const CommittedScene>> scenes(members_->size());
     const auto commit_on = [&](size_t i) {
-      run_named(*members_, i, [&] { scenes[i] = members_->backends[i]->commit(scene, options); });
+      BuildOptions member_options = options;
+      // Its own part of the commit before.
+      if (const auto *previous = dynamic_cast<const MultiScene *>(options.previous.get()))
+        member_options.previous = previous->member(i);
+      run_named(*members_, i, [&] { scenes[i] = members_->backends[i]->commit(scene, member_options); });
     };
     // A tree that goes to a file is built once: the others read it there.
     const size_t first = options.cache_path.empty() ? 0 : 1;

@@ -11,6 +11,7 @@ class MultiScene final : public CommittedScene, public StreamTracing {
   MultiScene(std::shared_ptr<const Members> members,
              std::vector<std::shared_ptr<const CommittedScene>> scenes);
 
+  const std::shared_ptr<const CommittedScene> &member(size_t i) const { return scenes_[i]; }
   const AccelFacts &accel_facts() const override { return facts_; }
   HostKdTree export_tree(uint32_t tree) const override;
   void render(const RenderPass &pass) const override;

@@ -258,6 +258,28 @@ TEST_F(Arguments, Meshes)
   EXPECT_EQ(facts().num_geometries, 1u);
 }
 
+// A scene with one mesh of three vertices and no normals.
+TEST_F(Arguments, Vertices)
+{
+  const float not_finite[9] = {0, 0, 0, 1, 0, 0, 0, inf_value, 0};
+  const auto array = [](const void *data, uint64_t count) {
+    gpurt_array a{};
+    a.data = data;
+    a.count = count;
+    return a;
+  };
+  const gpurt_array good = array(corners, 3), few = array(corners, 2), bad = array(not_finite, 3);
+  const auto set = [&](uint32_t geometry, const gpurt_array *vertices, const gpurt_array *normals) {
+    return [=, this] { return gpurt_scene_set_vertices(scene, geometry, vertices, normals); };
+  };
+  expect_invalid("vertices", "vertices is NULL", set(0, nullptr, nullptr));
+  expect_invalid("geometry is 1", "no such geometry", set(1, &good, nullptr));
+  expect_invalid("2 vertices for a mesh of 3", "fewer", set(0, &few, nullptr));
+  expect_invalid("vertex 2", "not finite", set(0, &bad, nullptr));
+  expect_invalid("3 normals for a mesh with 0", "normals where there are none", set(0, &good, &good));
+  EXPECT_EQ(gpurt_scene_set_vertices(scene, 0, &good, nullptr), GPURT_OK) << gpurt_last_error();
+}
+
 TEST_F(Arguments, Arrays)
 {
   const gpurt_mesh_desc d = mesh_desc();
@@ -291,8 +313,9 @@ TEST_F(Arguments, Arrays)
   const Device other = make_device();
   const Buffer foreign = World::make_buffer(other, 64);
   refuse(add, d, "another device", [&](auto &x) { x.vertices = {nullptr, foreign, 0, 0, 3}; });
-  refuse(add, d, "vertices: this is a scene handle, a buffer is needed",
-         [&](auto &x) { x.vertices = {nullptr, reinterpret_cast<gpurt_buffer>(scene), 0, 0, 3}; });
+  refuse(add, d, "vertices: this is a scene handle, a buffer is needed", [&](auto &x) {
+    x.vertices = {nullptr, reinterpret_cast<gpurt_buffer>(scene), 0, 0, 3};
+  });
   EXPECT_EQ(facts().num_geometries, 3u);
 }
 
@@ -309,7 +332,8 @@ TEST_F(Arguments, PatchesAndSubdivision)
   refuse(add, d, "5", [](auto &) {});
 
   const gpurt_subdivision_desc s = GPURT_SUBDIVISION_DESC_INIT;
-  refuse(gpurt_scene_add_subdivision, s, "gpurt_scene_add_mesh", [](auto &) {}, GPURT_ERROR_UNSUPPORTED);
+  refuse(
+      gpurt_scene_add_subdivision, s, "gpurt_scene_add_mesh", [](auto &) {}, GPURT_ERROR_UNSUPPORTED);
   refuse(gpurt_scene_add_subdivision, s, "scheme is 2",
          [](auto &x) { x.scheme = gpurt_subdivision_scheme(2); });
   refuse(gpurt_scene_add_subdivision, s, "reserved", [](auto &x) { x.reserved = 1; });
@@ -370,9 +394,12 @@ TEST_F(Arguments, Cameras)
   refuse(
       add, d, "GPURT_CAMERA_PERSPECTIVE", [](auto &x) { x.type = GPURT_CAMERA_ORTHOGRAPHIC; },
       GPURT_ERROR_UNSUPPORTED);
-  refuse(add, d, "lens_radius", [](auto &x) { x.lens_radius = 0.1f; }, GPURT_ERROR_UNSUPPORTED);
-  refuse(add, d, "focus_distance", [](auto &x) { x.focus_distance = nan_value; }, GPURT_ERROR_UNSUPPORTED);
-  refuse(add, d, "shutter_close", [](auto &x) { x.shutter_close = 1; }, GPURT_ERROR_UNSUPPORTED);
+  refuse(
+      add, d, "lens_radius", [](auto &x) { x.lens_radius = 0.1f; }, GPURT_ERROR_UNSUPPORTED);
+  refuse(
+      add, d, "focus_distance", [](auto &x) { x.focus_distance = nan_value; }, GPURT_ERROR_UNSUPPORTED);
+  refuse(
+      add, d, "shutter_close", [](auto &x) { x.shutter_close = 1; }, GPURT_ERROR_UNSUPPORTED);
   refuse(add, d, "", [](auto &x) { x.yfov_rad = 4; });
   refuse(add, d, "", [](auto &x) { x.yfov_rad = nan_value; });
   refuse(add, d, "", [](auto &x) { x.transform[3] = nan_value; });
@@ -529,7 +556,8 @@ TEST_F(Arguments, Submissions)
   };
   refuse_render("pipeline is 5", [](auto &d) { d.pipeline = gpurt_pipeline(5); });
   for (const gpurt_pipeline pipeline : {GPURT_PIPELINE_PHOTON, GPURT_PIPELINE_REYES, GPURT_PIPELINE_HYBRID}) {
-    refuse_render("GPURT_PIPELINE_PATH", [=](auto &d) { d.pipeline = pipeline; }, GPURT_ERROR_UNSUPPORTED);
+    refuse_render(
+        "GPURT_PIPELINE_PATH", [=](auto &d) { d.pipeline = pipeline; }, GPURT_ERROR_UNSUPPORTED);
   }
   refuse_render("target_error", [](auto &d) { d.target_error = nan_value; });
   refuse_render("target_error", [](auto &d) { d.target_error = -1; });

@@ -120,6 +120,11 @@ std::vector<Call<gpurt_scene>> scene_calls()
                                   GPURT_INSTANCE_DESC_INIT),
       adding<gpurt_light_desc>("gpurt_scene_add_light", gpurt_scene_add_light, GPURT_LIGHT_DESC_INIT),
       adding<gpurt_camera_desc>("gpurt_scene_add_camera", gpurt_scene_add_camera, GPURT_CAMERA_DESC_INIT),
+      {"gpurt_scene_set_vertices",
+       [](gpurt_scene h) {
+         const gpurt_array none{};
+         return gpurt_scene_set_vertices(h, 0, &none, nullptr);
+       }},
       {"gpurt_scene_set_environment",
        [](gpurt_scene h) {
          const gpurt_environment_desc d = GPURT_ENVIRONMENT_DESC_INIT;

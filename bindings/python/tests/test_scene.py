@@ -224,6 +224,20 @@ def test_accelerators_find_the_same_walls(device, accel, triangle_test):
     assert np.allclose(hits["t"], 1, rtol=1e-6)
 
 
+def test_vertices_move(device):
+    scene = gpurt.Scene(device)
+    vertices = np.array([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], np.float32)
+    geometry, _ = scene.add_mesh(vertices)
+    ray = {"origins": (0, 0, 5), "directions": [(0, 0, -1)]}
+    assert scene.commit("bvh", quality="fast").trace(**ray)["t"][0] == 5
+    scene.set_vertices(geometry, vertices + np.array((0, 0, 2), np.float32))
+    assert scene.trace(**ray)["t"][0] == 5, "before the commit"
+    assert scene.commit("bvh", quality="fast").trace(**ray)["t"][0] == 3
+    assert scene.facts.accel_build_seconds > 0
+    with pytest.raises(gpurt.InvalidArgument):
+        scene.set_vertices(geometry, vertices[:2])
+
+
 def test_unsupported_accelerators(device):
     scene = make_box(device, "kdtree")
     with pytest.raises(gpurt.Unsupported):

@@ -80,6 +80,16 @@ uint32_t add_mesh(Scene &scene, const py::object &vertices, const py::object &in
   return geometry;
 }
 
+void set_vertices(Scene &scene, uint32_t geometry, const py::object &vertices, const py::object &normals)
+{
+  const gpurt_array new_vertices = to_gpurt_array<float>(vertices, 3, "vertices"),
+                    new_normals = to_gpurt_array<float>(normals, 3, "normals");
+  call([&] {
+    return gpurt_scene_set_vertices(scene.handle.get(), geometry, &new_vertices,
+                                    normals.is_none() ? nullptr : &new_normals);
+  });
+}
+
 uint32_t add_patches(Scene &scene, const py::object &control_points, uint32_t material)
 {
   gpurt_patches_desc desc = GPURT_PATCHES_DESC_INIT;
@@ -161,8 +171,7 @@ py::dict get_camera(const Scene &scene, uint32_t camera)
 }
 
 void commit(Scene &scene, int accel, int triangle_test, uint32_t max_depth, float traversal_cost,
-            float empty_bonus, float patch_tolerance, const std::optional<py::bytes> &tree_cache,
-            int quality)
+            float empty_bonus, float patch_tolerance, const std::optional<py::bytes> &tree_cache, int quality)
 {
   gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
   desc.accel = static_cast<gpurt_accel>(accel);
@@ -255,6 +264,7 @@ void bind_scene(py::module_ &module)
            py::arg("base_color_texture"), py::arg("two_sided_emission"))
       .def("add_mesh", add_mesh, py::arg("vertices"), py::arg("indices"), py::arg("normals"), py::arg("uvs"),
            py::arg("material"))
+      .def("set_vertices", set_vertices, py::arg("geometry"), py::arg("vertices"), py::arg("normals"))
       .def("add_patches", add_patches, py::arg("control_points"), py::arg("material"))
       .def("add_subdivision", add_subdivision, py::arg("vertices"), py::arg("face_counts"),
            py::arg("indices"), py::arg("scheme"), py::arg("material"))

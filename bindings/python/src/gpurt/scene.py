@@ -218,6 +218,21 @@ class Scene:
             to_count(material, "material"))
         return self._place(geometry, place)
 
+    def set_vertices(self, geometry: int, vertices: Any, normals: Any = None, *, share: bool = False) -> None:
+        """Moves the vertices of a mesh: the next commit sees them.
+
+        :param vertices: as for add_mesh, as many as there are.
+        :param normals: None, where the mesh has none; else as many.
+        :param share: as for add_mesh.
+
+        A commit of quality "fast" with a bvh on a GPU refits its tree in place of building it, where it can.
+
+        Raises InvalidArgument; the scene is then as it was.
+        """
+        self._core.set_vertices(to_count(geometry, "geometry"),
+                                mesh_rows(self.device, vertices, "vertices", 3, "[n][3]", share),
+                                None if normals is None else mesh_rows(self.device, normals, "normals", 3, "[n][3]", share))
+
     def add_patches(self, control_points: Any, *, material: int = 0, transform: Any = None) -> Placed:
         """Adds bicubic Bezier patches, places them, and returns (geometry, instance).
 
