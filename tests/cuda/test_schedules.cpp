@@ -229,8 +229,10 @@ std::vector<QuerySchedule> render_schedules(gpurt_accel accel)
     change(s);
     all.push_back({name, s, std::move(counts), kernel});
   };
-  add("uber", {&Counters::mode_switches}, "uber-kernel of paths",
-      [](auto &s) { s.traversal = GPURT_TRAVERSAL_UBER; });
+  add("uber", {&Counters::mode_switches}, "uber-kernel of paths", [](auto &s) {
+    s.traversal = GPURT_TRAVERSAL_UBER;
+    s.launch = GPURT_LAUNCH_REGULAR;
+  });
   add("uber, persistent", {&Counters::mode_switches, &Counters::ray_refills}, "uber-kernel of paths",
       [](auto &s) {
         s.traversal = GPURT_TRAVERSAL_UBER;
@@ -279,6 +281,7 @@ void compare_renders(gpurt_device device, void (*fill)(gpurt_scene), gpurt_accel
   submit_and_wait(expected, o, GPURT_SCHEDULE_INIT);
   const gpurt_statistics s = statistics(expected);
   EXPECT_EQ(s.schedule.traversal, GPURT_TRAVERSAL_STACK);
+  EXPECT_EQ(s.schedule.launch, accel == GPURT_ACCEL_BVH ? GPURT_LAUNCH_REGULAR : GPURT_LAUNCH_PERSISTENT);
   EXPECT_NE(s.schedule.compaction, GPURT_COMPACTION_AUTO);
   EXPECT_GT(s.num_shadow_rays, 0u);
   const auto color = [&](gpurt_frame frame) {

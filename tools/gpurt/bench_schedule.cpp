@@ -66,6 +66,7 @@ std::vector<NamedSchedule> pipelines(const ScheduleOptions &o)
   std::vector<NamedSchedule> all = traversals();
   const auto add = [&](const char *name, auto change) {
     NamedSchedule s{name, GPURT_SCHEDULE_INIT};
+    s.schedule.launch = GPURT_LAUNCH_REGULAR;
     change(s.schedule);
     all.push_back(s);
   };

@@ -81,6 +81,21 @@ Json to_json(const gpurt_scene_facts &f)
   return json;
 }
 
+Json to_json(const gpurt_schedule &s)
+{
+  // The names of the Python package, by the enumerators' values.
+  const auto name = [](uint32_t value, std::initializer_list<const char *> names) {
+    return value < names.size() ? std::string(names.begin()[value]) : fmt::format("unknown ({})", value);
+  };
+  return {{"traversal", name(s.traversal, {"auto", "stack", "leaf_lists", "uber"})},
+          {"launch", name(s.launch, {"auto", "regular", "persistent"})},
+          {"fetch", name(s.fetch, {"auto", "per_thread", "packets"})},
+          {"compaction", name(s.compaction, {"auto", "block_scan", "pyramid", "naive_scan", "library_scan"})},
+          {"shading", name(s.shading, {"auto", "immediate", "sorted"})},
+          {"generation", name(s.generation, {"auto", "slots", "counted"})},
+          {"ray_budget", s.ray_budget}};
+}
+
 Json to_json(const gpurt_statistics &s)
 {
   return {{"pipeline", name_of(s.pipeline)},
@@ -110,6 +125,7 @@ Json to_json(const gpurt_statistics &s)
           {"estimated_error", s.estimated_error >= 0 ? Json(s.estimated_error) : Json(nullptr)},
           {"largest_sample", s.largest_sample},
           {"memory_peak_bytes", s.memory_peak_bytes},
+          {"schedule", to_json(s.schedule)},
           {"reason", s.reason}};
 }
 

@@ -74,8 +74,13 @@ Schedule resolve_schedule(const Schedule &asked, ScheduleUse use, const TraceSce
   check_render_only(asked.generation, Generation::Slots, use, "generation");
   Schedule s = asked;
   set_default(s.traversal, Traversal::Stack);
-  set_default(s.launch, Launch::Regular);
   set_default(s.fetch, Fetch::PerThread);
+  // Rays of paths go apart after the first step, paths end at different lengths, and a wave is large enough for a pool.
+  const bool has_pool =
+      s.traversal == Traversal::Uber || (s.traversal == Traversal::Stack && s.fetch == Fetch::PerThread &&
+                                         !scene.has_bvhs && scene.triangle_test == TriangleTest::Watertight);
+  const bool suits_pool = use == ScheduleUse::Render && has_pool;
+  set_default(s.launch, suits_pool ? Launch::Persistent : Launch::Regular);
   check_traversal(s, use, scene);
   if (use == ScheduleUse::Render && s.traversal == Traversal::Uber) {
     check_has_queues(s.compaction, Compaction::BlockScan, "compaction");
