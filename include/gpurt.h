@@ -344,8 +344,8 @@ typedef struct gpurt_patches_desc {
  *  Errors: INVALID_ARGUMENT for a geometry that is no mesh, other numbers, or numbers that are not finite; the scene is
  *  then as it was.
  */
-GPURT_API gpurt_result gpurt_scene_set_vertices(gpurt_scene scene, uint32_t geometry, const gpurt_array *vertices,
-                                                const gpurt_array *normals);
+GPURT_API gpurt_result gpurt_scene_set_vertices(gpurt_scene scene, uint32_t geometry,
+                                                const gpurt_array *vertices, const gpurt_array *normals);
 
 /** Adds bicubic Bezier patches. For rays they are tessellated at commit, to gpurt_build_desc.patch_tolerance.
  *
@@ -492,9 +492,10 @@ typedef enum gpurt_triangle_test {
 
 typedef enum gpurt_build_quality {
   GPURT_BUILD_QUALITY_AUTO = 0, /* HIGH: the same tree, and so the same bits, on every device */
-  GPURT_BUILD_QUALITY_FAST = 1, /* CUDA, bvh: large trees are built on the device, in milliseconds a million triangles, and
-                                   trace within a few percent of the best. A ray that grazes triangles may meet another
-                                   one of those within its rounding than it does on the CPU. Elsewhere as HIGH */
+  GPURT_BUILD_QUALITY_FAST = 1, /* CUDA, bvh: large trees are built on the device, in milliseconds a million
+                                   triangles, and trace within a few percent of the best. A ray that grazes
+                                   triangles may meet another one of those within its rounding than it does on
+                                   the CPU. Elsewhere as HIGH */
   GPURT_BUILD_QUALITY_HIGH = 2, /* the tree that traces fastest, built on the host's threads */
   GPURT_BUILD_QUALITY_FORCE32 = 0x7fffffff
 } gpurt_build_quality;
@@ -513,8 +514,15 @@ typedef struct gpurt_build_desc {
       tree_cache_path; /* kdtree: reuse the tree of this file if it fits the scene, else build and write it */
 } gpurt_build_desc;
 #define GPURT_BUILD_DESC_INIT \
-  {sizeof(gpurt_build_desc),   GPURT_ACCEL_AUTO, GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, \
-   GPURT_BUILD_QUALITY_AUTO, NULL}
+  {sizeof(gpurt_build_desc), \
+   GPURT_ACCEL_AUTO, \
+   GPURT_TRIANGLE_WATERTIGHT, \
+   0, \
+   0, \
+   0, \
+   0, \
+   GPURT_BUILD_QUALITY_AUTO, \
+   NULL}
 
 /** Builds the acceleration structure of a scene; queries and renders that start later see it.
  *
@@ -555,11 +563,11 @@ typedef struct gpurt_scene_facts {
   uint64_t num_references; /* triangle references in leaves */
   uint32_t tree_depth;
   uint32_t tree_from_cache; /* 1: read from the cache file or imported */
-  double build_seconds; /* of the whole commit */
+  double build_seconds;     /* of the whole commit */
   double sah_cost;
   double accel_build_seconds; /* of these, to build the acceleration structure */
-  uint64_t build_peak_bytes;  /* device memory that its build held at a time, the structure included; 0: it was not
-                                 built on a CUDA device */
+  uint64_t build_peak_bytes;  /* device memory that its build held at a time, the structure included;
+                                 0: it was not built on a CUDA device */
   uint32_t tree_refitted;     /* 1: a tree was refitted to vertices that have moved */
   uint32_t reserved;          /* 0 */
 } gpurt_scene_facts;

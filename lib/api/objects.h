@@ -82,7 +82,8 @@ struct Scene {
   Reservation loaded_memory;                // of what a file brought
   std::vector<uint32_t> shared_geometries;  // whose arrays lie in buffers; under `changing`
   std::map<uint32_t, std::shared_ptr<const HostKdTree>> imported_trees;  // under `changing`
-  uint64_t shape_version = 0;  // changes with what triangles there are, but not with their vertices; under `changing`
+  /// Changes with what triangles there are, but not with their vertices; under `changing`.
+  uint64_t shape_version = 0;
 
   std::shared_ptr<const Commit> last_commit() const
   {

@@ -33,7 +33,8 @@ uint32_t add_material(SceneData &scene, const MaterialSettings &settings);
 uint32_t add_mesh(SceneData &scene, MeshData mesh, uint32_t material);
 
 /// Replaces the vertices of a mesh, and its normals if it has any: as many as there were, and finite.
-void set_vertices(SceneData &scene, uint64_t geometry, SharedArray<Vec3f> vertices, SharedArray<Vec3f> normals);
+void set_vertices(SceneData &scene, uint64_t geometry, SharedArray<Vec3f> vertices,
+                  SharedArray<Vec3f> normals);
 
 /// The indices 0, 1, 2, ... of a mesh that has none. Throws unless the vertices come in threes.
 SharedArray<UInt3> sequential_triangles(uint64_t num_vertices);

@@ -313,9 +313,8 @@ TEST_F(Arguments, Arrays)
   const Device other = make_device();
   const Buffer foreign = World::make_buffer(other, 64);
   refuse(add, d, "another device", [&](auto &x) { x.vertices = {nullptr, foreign, 0, 0, 3}; });
-  refuse(add, d, "vertices: this is a scene handle, a buffer is needed", [&](auto &x) {
-    x.vertices = {nullptr, reinterpret_cast<gpurt_buffer>(scene), 0, 0, 3};
-  });
+  refuse(add, d, "vertices: this is a scene handle, a buffer is needed",
+         [&](auto &x) { x.vertices = {nullptr, reinterpret_cast<gpurt_buffer>(scene), 0, 0, 3}; });
   EXPECT_EQ(facts().num_geometries, 3u);
 }
 
@@ -332,8 +331,7 @@ TEST_F(Arguments, PatchesAndSubdivision)
   refuse(add, d, "5", [](auto &) {});
 
   const gpurt_subdivision_desc s = GPURT_SUBDIVISION_DESC_INIT;
-  refuse(
-      gpurt_scene_add_subdivision, s, "gpurt_scene_add_mesh", [](auto &) {}, GPURT_ERROR_UNSUPPORTED);
+  refuse(gpurt_scene_add_subdivision, s, "gpurt_scene_add_mesh", [](auto &) {}, GPURT_ERROR_UNSUPPORTED);
   refuse(gpurt_scene_add_subdivision, s, "scheme is 2",
          [](auto &x) { x.scheme = gpurt_subdivision_scheme(2); });
   refuse(gpurt_scene_add_subdivision, s, "reserved", [](auto &x) { x.reserved = 1; });
@@ -394,12 +392,9 @@ TEST_F(Arguments, Cameras)
   refuse(
       add, d, "GPURT_CAMERA_PERSPECTIVE", [](auto &x) { x.type = GPURT_CAMERA_ORTHOGRAPHIC; },
       GPURT_ERROR_UNSUPPORTED);
-  refuse(
-      add, d, "lens_radius", [](auto &x) { x.lens_radius = 0.1f; }, GPURT_ERROR_UNSUPPORTED);
-  refuse(
-      add, d, "focus_distance", [](auto &x) { x.focus_distance = nan_value; }, GPURT_ERROR_UNSUPPORTED);
-  refuse(
-      add, d, "shutter_close", [](auto &x) { x.shutter_close = 1; }, GPURT_ERROR_UNSUPPORTED);
+  refuse(add, d, "lens_radius", [](auto &x) { x.lens_radius = 0.1f; }, GPURT_ERROR_UNSUPPORTED);
+  refuse(add, d, "focus_distance", [](auto &x) { x.focus_distance = nan_value; }, GPURT_ERROR_UNSUPPORTED);
+  refuse(add, d, "shutter_close", [](auto &x) { x.shutter_close = 1; }, GPURT_ERROR_UNSUPPORTED);
   refuse(add, d, "", [](auto &x) { x.yfov_rad = 4; });
   refuse(add, d, "", [](auto &x) { x.yfov_rad = nan_value; });
   refuse(add, d, "", [](auto &x) { x.transform[3] = nan_value; });
@@ -556,8 +551,7 @@ TEST_F(Arguments, Submissions)
   };
   refuse_render("pipeline is 5", [](auto &d) { d.pipeline = gpurt_pipeline(5); });
   for (const gpurt_pipeline pipeline : {GPURT_PIPELINE_PHOTON, GPURT_PIPELINE_REYES, GPURT_PIPELINE_HYBRID}) {
-    refuse_render(
-        "GPURT_PIPELINE_PATH", [=](auto &d) { d.pipeline = pipeline; }, GPURT_ERROR_UNSUPPORTED);
+    refuse_render("GPURT_PIPELINE_PATH", [=](auto &d) { d.pipeline = pipeline; }, GPURT_ERROR_UNSUPPORTED);
   }
   refuse_render("target_error", [](auto &d) { d.target_error = nan_value; });
   refuse_render("target_error", [](auto &d) { d.target_error = -1; });
