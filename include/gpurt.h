@@ -744,6 +744,14 @@ typedef enum gpurt_hit_format {
   GPURT_HIT_FORMAT_FORCE32 = 0x7fffffff
 } gpurt_hit_format;
 
+/* How rays that follow one another in a batch go. Changes the speed on CUDA devices alone, never a result. */
+typedef enum gpurt_coherence {
+  GPURT_COHERENCE_AUTO = 0,       /* a few of the rays are looked at */
+  GPURT_COHERENCE_COHERENT = 1,   /* nearly the same way, as those of a camera's neighbouring pixels */
+  GPURT_COHERENCE_INCOHERENT = 2, /* apart, as those that surfaces scatter */
+  GPURT_COHERENCE_FORCE32 = 0x7fffffff
+} gpurt_coherence;
+
 typedef struct gpurt_trace_desc {
   uint32_t struct_size; /* set by GPURT_TRACE_DESC_INIT */
   gpurt_query query;
@@ -759,6 +767,8 @@ typedef struct gpurt_trace_desc {
   gpurt_schedule_counters
       *out_counters; /* host memory, written where the call succeeds; NULL: not wanted. Chunks of
                                             rays in host memory then go one after another */
+  gpurt_coherence coherence;
+  uint32_t image_width; /* rays are an image's, row by row, of this many: coherent ones go by tiles; 0: not */
 } gpurt_trace_desc;
 #define GPURT_TRACE_DESC_INIT \
   {sizeof(gpurt_trace_desc), \
@@ -772,7 +782,9 @@ typedef struct gpurt_trace_desc {
    NULL, \
    0, \
    GPURT_SCHEDULE_INIT, \
-   NULL}
+   NULL, \
+   GPURT_COHERENCE_AUTO, \
+   0}
 
 /** Traces a batch of rays on all threads of the device and returns when it is done.
  *

@@ -86,6 +86,8 @@ inline float t_error(const AccelFacts &facts)
 
 enum class QueryKind : uint32_t { Closest = 0, Any = 1, All = 2 };
 
+enum class Coherence : uint32_t { Auto = 0, Coherent = 1, Incoherent = 2 };  // values of gpurt_coherence
+
 /// gpurt_trace_desc after validation.
 struct TraceRequest {
   QueryKind query = QueryKind::Closest;
@@ -99,6 +101,8 @@ struct TraceRequest {
   uint64_t hit_capacity = 0;
   Schedule schedule;
   ScheduleCounters *counters = nullptr;  // null: not wanted
+  Coherence coherence = Coherence::Auto;
+  uint32_t image_width = 0;
 };
 
 /// A rectangle of pixels and the sample indices to take in each of them.

@@ -93,7 +93,7 @@ class Builder {
     if (count == 0) return tree;
     const BvhExtent extent = measure_in_parallel(references);
     tree.bounds = extent.bounds;
-    tree.center = center_ = (0.5f * extent.bounds.lo) + (0.5f * extent.bounds.hi);
+    tree.frame = frame_ = make_bvh_frame(extent.bounds);
     root_area_ = half_area(extent.bounds);
     const uint64_t most = std::min(count * bvh_max_references_per_primitive, uint64_t(bvh_max_references));
     const Part root = {extent, 0, source_.boxes != nullptr ? 0 : most - count};
@@ -394,7 +394,7 @@ class Builder {
     out.nodes.emplace_back();
     const uint32_t first = build_node(out, side[0], num[0], child[0], scratch, level + 1);
     const uint32_t second = build_node(out, side[1], num[1], child[1], scratch, level + 1);
-    out.nodes[slot] = make_bvh_node(extent[0].bounds, first, extent[1].bounds, second, center_);
+    out.nodes[slot] = make_bvh_node(extent[0].bounds, first, extent[1].bounds, second, frame_);
     return slot;
   }
 
@@ -459,14 +459,14 @@ class Builder {
     const uint64_t slot = layout.num_nodes++;
     layout.cost += node.cost;
     const uint32_t first = place(*node.child[0], layout), second = place(*node.child[1], layout);
-    layout.upper.emplace_back(slot, make_bvh_node(node.box[0], first, node.box[1], second, center_));
+    layout.upper.emplace_back(slot, make_bvh_node(node.box[0], first, node.box[1], second, frame_));
     return uint32_t(slot);
   }
 
   const KdSource &source_;
   const std::shared_ptr<MemoryTracker> &memory_;
   const double traversal_cost_;
-  Vec3f center_{};
+  BvhFrame frame_{};
   double root_area_ = 0;
   tbb::enumerable_thread_specific<Scratch> scratch_;
 };

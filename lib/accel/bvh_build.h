@@ -15,7 +15,7 @@ struct HostBvh {
   std::vector<BvhNode> nodes;        // depth first
   std::vector<uint32_t> references;  // primitives, counted from the source's first, leaf by leaf
   Box bounds = {};
-  Vec3f center = {};
+  BvhFrame frame = {};
   uint32_t root = bvh_empty;
 };
 
@@ -37,6 +37,6 @@ HostBvh build_bvh(const KdSource &source, const std::shared_ptr<MemoryTracker> &
 struct BvhBoxes {
   double lo[2][3], hi[2][3];
 };
-BvhBoxes boxes_of(const BvhNode &node, Vec3f center);
+BvhBoxes boxes_of(const BvhNode &node, const BvhFrame &frame);
 
 }  // namespace gpurt

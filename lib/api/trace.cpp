@@ -50,6 +50,7 @@ TraceRequest checked_request(const gpurt_trace_desc &d, const Device &device)
   check_enum(d.query, GPURT_QUERY_ALL + 1, "query", "gpurt_query");
   check_enum(d.format, GPURT_HIT_COMPACT + 1, "format", "gpurt_hit_format");
   check_enum(d.storage, GPURT_STORAGE_DEVICE + 1, "storage", "gpurt_storage");
+  check_enum(d.coherence, GPURT_COHERENCE_INCOHERENT + 1, "coherence", "gpurt_coherence");
 
   TraceRequest request;
   request.query = QueryKind(d.query);
@@ -62,6 +63,8 @@ TraceRequest checked_request(const gpurt_trace_desc &d, const Device &device)
   request.offsets = d.offsets;
   request.hit_capacity = d.hit_capacity;
   request.schedule = checked_schedule(d.schedule);
+  request.coherence = Coherence(d.coherence);
+  request.image_width = d.image_width;
 
   const uint64_t hit_bytes = request.compact ? sizeof(gpurt_hit_compact) : sizeof(gpurt_hit);
   const Range rays = checked_range("rays", d.rays, d.num_rays, sizeof(gpurt_ray), alignof(gpurt_ray));

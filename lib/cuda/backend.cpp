@@ -57,6 +57,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
       facts_.build_peak_bytes = std::max(facts_.build_peak_bytes, built_bytes + tree.peak_bytes);
       built_bytes += tree.nodes.bytes() + tree.triangles.bytes();
     }
+    trace_scene_.world = bvhs_->world();
   }
 
   ~CudaScene() override
@@ -120,6 +121,9 @@ class CudaScene final : public CommittedScene, public StreamTracing {
     trace_scene_.scene = scene_->view();
     trace_scene_.scene.t_error = t_error(facts_);
     trace_scene_.triangle_test = facts_.triangle_test;
+    check(cudaDeviceGetAttribute(&trace_scene_.num_sms, cudaDevAttrMultiProcessorCount,
+                                 device_->memory->ordinal()),
+          "cudaDeviceGetAttribute");
     facts_.accel_bytes = accel->bytes();
   }
 

@@ -119,4 +119,31 @@ void DeviceMemory::wait_for_default_stream() noexcept
   if (caller >= 0 && caller != ordinal_) ignore(cudaSetDevice(caller));
 }
 
+void *DeviceMemory::allocate_on(cudaStream_t stream, uint64_t bytes)
+{
+  if (pool_ == nullptr || bytes == 0) return nullptr;
+  try {
+    Reservation reserved(tracker_, bytes, "a batch's working memory");
+    void *data = nullptr;
+    const cudaError_t status = cudaMallocFromPoolAsync(&data, bytes, pool_, stream);
+    if (status == cudaErrorMemoryAllocation) {
+      (void)cudaGetLastError();
+      return nullptr;
+    }
+    check(status, "cudaMallocFromPoolAsync");
+    reserved.disown();
+    return data;
+  } catch (const Error &e) {
+    if (e.result() == GPURT_ERROR_OUT_OF_MEMORY) return nullptr;
+    throw;
+  }
+}
+
+void DeviceMemory::free_on(cudaStream_t stream, void *data, uint64_t bytes) noexcept
+{
+  if (data == nullptr) return;
+  ignore(cudaFreeAsync(data, stream));
+  tracker_->release(bytes);
+}
+
 }  // namespace gpurt::cuda

@@ -47,6 +47,10 @@ class DeviceMemory {
   void free(void *data, uint64_t bytes) noexcept;
   /// Lets what is freed from now on be used again only after the work that is on the legacy default stream now.
   void wait_for_default_stream() noexcept;
+  /// Memory for work that is queued on `stream` from here on; null where there is none, or the device cannot do it.
+  void *allocate_on(cudaStream_t stream, uint64_t bytes);
+  /// Goes once the work queued so far is done.
+  void free_on(cudaStream_t stream, void *data, uint64_t bytes) noexcept;
 
  private:
   void make_pool();
@@ -93,6 +97,27 @@ class DeviceBuffer {
   std::shared_ptr<DeviceMemory> memory_;
   T *data_ = nullptr;
   uint64_t count_ = 0;
+};
+
+/// Words for what is queued on a stream while this lives; data() is null where there was no memory for them.
+class StreamWords {
+ public:
+  StreamWords(DeviceMemory &memory, cudaStream_t stream, uint64_t count)
+      : memory_(memory),
+        stream_(stream),
+        bytes_(count * sizeof(uint32_t)),
+        data_(memory.allocate_on(stream, bytes_))
+  {}
+  ~StreamWords() { memory_.free_on(stream_, data_, bytes_); }
+  StreamWords(const StreamWords &) = delete;
+  StreamWords &operator=(const StreamWords &) = delete;
+  uint32_t *data() const { return static_cast<uint32_t *>(data_); }
+
+ private:
+  DeviceMemory &memory_;
+  cudaStream_t stream_;
+  uint64_t bytes_;
+  void *data_;
 };
 
 /// Copies host values to device memory that has room for them, and waits for the copy.

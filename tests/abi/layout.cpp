@@ -244,7 +244,7 @@ FIELD(gpurt_cuda_kernel, shared_bytes, 116);
 FIELD(gpurt_cuda_kernel, blocks_per_multiprocessor, 120);
 FIELD(gpurt_cuda_kernel, occupancy, 124);
 
-SIZE(gpurt_trace_desc, 112);
+SIZE(gpurt_trace_desc, 120);
 FIELD(gpurt_trace_desc, struct_size, 0);
 FIELD(gpurt_trace_desc, query, 4);
 FIELD(gpurt_trace_desc, format, 8);
@@ -257,6 +257,8 @@ FIELD(gpurt_trace_desc, offsets, 48);
 FIELD(gpurt_trace_desc, hit_capacity, 56);
 FIELD(gpurt_trace_desc, schedule, 64);
 FIELD(gpurt_trace_desc, out_counters, 104);
+FIELD(gpurt_trace_desc, coherence, 112);
+FIELD(gpurt_trace_desc, image_width, 116);
 
 SIZE(gpurt_frame_desc, 40);
 FIELD(gpurt_frame_desc, struct_size, 0);

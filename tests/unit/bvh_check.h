@@ -85,7 +85,7 @@ inline void expect_complete(const Mesh &mesh, const HostBvh &tree, Random &rng, 
           continue;
         }
         const BvhNode &node = tree.nodes[word];
-        const BvhBoxes boxes = boxes_of(node, tree.center);
+        const BvhBoxes boxes = boxes_of(node, tree.frame);
         for (int child = 0; child < 2; ++child) {
           bool contains = true;
           for (int k = 0; k < 3; ++k)

@@ -34,7 +34,7 @@ inline HostBvh build_serially(const std::vector<Vec3f> &positions, const std::ve
   now.resize(most);
   next.resize(most);
   tree.bounds = box_of(counters.bounds);
-  tree.center = 0.5f * tree.bounds.lo + 0.5f * tree.bounds.hi;
+  tree.frame = make_bvh_frame(tree.bounds);
   const float scale = area_scale(tree.bounds), root_area = scaled_half_area(tree.bounds, scale);
   const BuildScene scene = {positions.data(), triangles.data()};
   std::vector<BuildNode> nodes(2 * size_t(most));
@@ -50,7 +50,7 @@ inline HostBvh build_serially(const std::vector<Vec3f> &positions, const std::ve
   level.counters = &counters;
   level.scale = scale;
   level.root_area = root_area;
-  level.center = tree.center;
+  level.frame = tree.frame;
   nodes[0] = {};
   nodes[0].bounds = counters.bounds;
   nodes[0].centers = counters.centers;
@@ -86,7 +86,7 @@ inline HostBvh build_serially(const std::vector<Vec3f> &positions, const std::ve
   for (uint32_t i = 0; i < counters.num_nodes; ++i) {
     SmallTree shared;
     if (is_small(nodes[i])) {
-      build_small(group, references_of(nodes[i], nullptr, small_nodes.data()), nodes[i], scale, tree.center,
+      build_small(group, references_of(nodes[i], nullptr, small_nodes.data()), nodes[i], scale, tree.frame,
                   shared, small_nodes.data() + nodes[i].subtree, small_references.data() + nodes[i].subtree);
     }
   }
@@ -95,7 +95,7 @@ inline HostBvh build_serially(const std::vector<Vec3f> &positions, const std::ve
   tree.references.resize(nodes[0].num_references);
   const BuildTarget target = {tree.nodes.data(), tree.references.data()};
   for (uint32_t i = 0; i < counters.num_nodes; ++i) {
-    place_children(nodes.data(), i, scale, tree.center, target);
+    place_children(nodes.data(), i, scale, tree.frame, target);
     if (is_small(nodes[i])) place_small(group, nodes[i], small_nodes.data(), small_references.data(), target);
   }
   tree.root = word_of(nodes[0]);

@@ -51,16 +51,19 @@ TEST(BvhBuild, NodesContainTheirBoxes)
       b = {min(p, q), max(p, q)};
       if (i % 7 == 0) b.hi.y = b.lo.y;
     }
-    const BvhBoxes made = boxes_of(make_bvh_node(box[0], 1, box[1], 2, center), center);
+    // Every other frame asks for no margin.
+    const BvhFrame frame{center, scale, i % 2 ? 32 * scale : 0.0f};
+    const double margin = frame.reach * 0x1p-20;
+    const BvhBoxes made = boxes_of(make_bvh_node(box[0], 1, box[1], 2, frame), frame);
     for (int c = 0; c < 2; ++c) {
       for (int k = 0; k < 3; ++k) {
         // Half extents have eight bits, of which child 0's lowest may be raised once more by what lies below it.
         const double size = double(at(box[c].hi, k)) - at(box[c].lo, k);
         const double reach = std::max(std::abs(double(at(box[c].hi, k)) - at(center, k)),
                                       std::abs(double(at(box[c].lo, k)) - at(center, k)));
-        const double room = size * 0x1p-8 + reach * 0x1p-22;
-        ASSERT_LE(made.lo[c][k], at(box[c].lo, k));
-        ASSERT_GE(made.hi[c][k], at(box[c].hi, k));
+        const double room = margin + (size + margin) * 0x1p-7 + reach * 0x1p-22;
+        ASSERT_LE(made.lo[c][k], at(box[c].lo, k) - margin);
+        ASSERT_GE(made.hi[c][k], at(box[c].hi, k) + margin);
         ASSERT_GE(made.lo[c][k], at(box[c].lo, k) - room);
         ASSERT_LE(made.hi[c][k], at(box[c].hi, k) + room);
       }

@@ -40,7 +40,7 @@ HostBvh download(const DeviceBvh &tree)
 {
   HostBvh host;
   host.bounds = tree.bounds;
-  host.center = tree.center;
+  host.frame = tree.frame;
   host.root = tree.root;
   host.nodes.resize(tree.nodes.size());
   std::vector<LeafTriangle> triangles(tree.triangles.size());

@@ -438,7 +438,7 @@ TEST_P(TreeTrace, ListsOfCrossingsBecomeTheSortedHits)
     const HostBvh tree = build_bvh(source, nullptr, stats);
     const std::vector<LeafTriangle> leaves = leaf_triangles(view, tree.references);
     const BvhGroupView group = {
-        {tree.nodes.data(), tree.references.data(), tree.bounds, tree.center, tree.root}, leaves.data()};
+        {tree.nodes.data(), tree.references.data(), tree.bounds, tree.frame, tree.root}, leaves.data()};
     expect_sorted_crossings(BvhAccelView{&group, {}, 1}, view, rng, 10);
   }
 }

@@ -27,15 +27,32 @@ struct alignas(16) BvhNode {
   uint32_t reserved;
 };
 
+// What a tree's nodes count from. Boxes are stored larger by 2^-20 reach on each side, which is what traversal may be off
+// by for a ray whose origin is within `reach` of all of the tree along each axis (near_ray.h).
+struct BvhFrame {
+  Vec3f center;       // coordinates far from the origin cost no bits
+  float half_extent;  // the largest distance from the centre along an axis, or a little more
+  float reach;        // 0: sizes are so large or small that products might lose bits; no ray is near
+};
+
 struct BvhView {
   const BvhNode *nodes;
   const uint32_t *references;  // by leaf; null where leaves hold their triangles
   Box bounds;
-  Vec3f center;   // what nodes count from: coordinates far from the origin cost no bits
+  BvhFrame frame;
   uint32_t root;  // a child's word; bvh_empty: the tree is empty
 };
 
 GPURT_FUNCTIONS_BEGIN
+
+GPURT_INLINE BvhFrame make_bvh_frame(const Box &bounds)
+{
+  const Vec3f center = 0.5f * bounds.lo + 0.5f * bounds.hi;
+  const float half_extent =
+      max(max_component(bounds.hi - center), max_component(center - bounds.lo)) * (1.0f + 0x1p-22f);
+  const bool is_ordinary = half_extent >= 0x1p-50f && half_extent <= 0x1p45f;
+  return {center, half_extent, is_ordinary ? 32.0f * half_extent : 0.0f};
+}
 
 GPURT_INLINE bool is_bvh_leaf(uint32_t child) { return (child & bvh_leaf_bit) != 0; }
 GPURT_INLINE uint32_t leaf_first(uint32_t child) { return child & 0x0fffffffu; }

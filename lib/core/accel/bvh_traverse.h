@@ -76,7 +76,7 @@ GPURT_INLINE BvhRay make_bvh_ray(const TraceRay &ray, const BvhView &tree)
     const float d = at(ray.direction, k);
     const float magnitude = min(limit, abs(1.0f / d));
     const float inverse = d < 0.0f ? -magnitude : magnitude;
-    const float shift = (at(ray.origin, k) - at(tree.center, k)) * inverse;
+    const float shift = (at(ray.origin, k) - at(tree.frame.center, k)) * inverse;
     const float widening = error * magnitude + few_smallest;
     set(r.inverse, k, inverse);
     set(r.enter, k, -shift - widening);

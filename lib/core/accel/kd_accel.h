@@ -6,14 +6,14 @@
 
 namespace gpurt {
 
-// A triangle as leaves hold it: three 16-byte loads, no index to follow.
+// A triangle as leaves hold it: three 16-byte loads, no index to follow, its public ids at hand.
 struct alignas(16) LeafTriangle {
   Vec3f a;
   uint32_t triangle;  // index into SceneView::indices
   Vec3f b;
-  uint32_t reserved0;
+  uint32_t primitive;  // of its geometry
   Vec3f c;
-  uint32_t reserved1;
+  uint32_t segment;  // SceneView::segments
 };
 
 struct KdGroupView {

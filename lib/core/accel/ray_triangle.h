@@ -143,15 +143,22 @@ GPURT_INLINE bool accept_edges(ShearedPoint<Real> a, ShearedPoint<Real> b, Shear
   return true;
 }
 
+// What the edge functions say of the corners.
+struct EdgeWeights {
+  double u, v, w;
+};
+
 // Where the ray meets the plane of a triangle that it was found to meet: t, u and v in double, rounded once.
 //
 // Coordinates are floats, so that a plane seen at an angle of 1e-3 through a needle of 1e5:1 still gives t to half an
 // ulp of a float. A ray that passes outside by no more than the test's rounding gets the weights clamped to the
 // triangle, and t to the triangle's extent along the main axis; edge-on, where the plane says nothing, the weights of
 // the edge functions serve.
+// edge_weights() is called for these.
 // Source: Moeller and Trumbore 1997 for the formula.
+template <class Weights>
 GPURT_HD inline bool measure_hit(Vec3f origin, Vec3f direction, int main_axis, Vec3f a, Vec3f b, Vec3f c,
-                                 double eu, double ev, double ew, float tmin, float tmax, TriangleHit &hit)
+                                 Weights &&edge_weights, float tmin, float tmax, TriangleHit &hit)
 {
   const double dx = direction.x, dy = direction.y, dz = direction.z;
   const double e1x = double(b.x) - double(a.x), e1y = double(b.y) - double(a.y),
@@ -163,26 +170,32 @@ GPURT_HD inline bool measure_hit(Vec3f origin, Vec3f direction, int main_axis, V
   const double px = dy * e2z - dz * e2y, py = dz * e2x - dx * e2z, pz = dx * e2y - dy * e2x;
   const double qx = sy * e1z - sz * e1y, qy = sz * e1x - sx * e1z, qz = sx * e1y - sy * e1x;
   const double det = e1x * px + e1y * py + e1z * pz;
-  const double o = at(origin, main_axis), d = at(direction, main_axis);
-  const double za = double(at(a, main_axis)) - o, zb = double(at(b, main_axis)) - o,
-               zc = double(at(c, main_axis)) - o;
-  double t, u, v;
-  if (det != 0.0) {
+  double t = 0.0, u = 0.0, v = 0.0;
+  const bool is_edge_on = det == 0.0;
+  if (!is_edge_on) {
     const double inv = 1.0 / det;
     t = (e2x * qx + e2y * qy + e2z * qz) * inv;
     u = (sx * px + sy * py + sz * pz) * inv;
     v = (dx * qx + dy * qy + dz * qz) * inv;
-  } else {
-    const double inv = 1.0 / (eu + ev + ew);
-    u = ev * inv;
-    v = ew * inv;
-    t = (eu * za + ev * zb + ew * zc) * inv / d;
   }
-  const double low = za < zb ? (za < zc ? za : zc) : (zb < zc ? zb : zc);
-  const double high = za > zb ? (za > zc ? za : zc) : (zb > zc ? zb : zc);
-  const double z = t * d;
-  if (!(z >= low)) t = low / d;
-  if (z > high) t = high / d;
+  // Within the triangle t needs no clamping.
+  if (is_edge_on || !(u >= 0x1p-40 && v >= 0x1p-40 && u + v <= 1.0 - 0x1p-40)) {
+    const double o = at(origin, main_axis), d = at(direction, main_axis);
+    const double za = double(at(a, main_axis)) - o, zb = double(at(b, main_axis)) - o,
+                 zc = double(at(c, main_axis)) - o;
+    if (is_edge_on) {
+      const EdgeWeights e = edge_weights();
+      const double inv = 1.0 / (e.u + e.v + e.w);
+      u = e.v * inv;
+      v = e.w * inv;
+      t = (e.u * za + e.v * zb + e.w * zc) * inv / d;
+    }
+    const double low = za < zb ? (za < zc ? za : zc) : (zb < zc ? zb : zc);
+    const double high = za > zb ? (za > zc ? za : zc) : (zb > zc ? zb : zc);
+    const double z = t * d;
+    if (!(z >= low)) t = low / d;
+    if (z > high) t = high / d;
+  }
   // -0 becomes +0, so that equal results have equal bits.
   const float t_float = float(t) + 0.0f;
   if (!(t_float >= tmin && t_float <= tmax)) return false;
@@ -214,7 +227,8 @@ GPURT_INLINE bool intersect(const TriangleRay<TriangleTest::Watertight> &r, Vec3
     ew = edge_function(db, da);
     if (!accept_edges<Rule>(da, db, dc, eu, ev, ew)) return false;
   }
-  return measure_hit(r.origin, r.direction, r.kz, a, b, c, eu, ev, ew, tmin, tmax, hit);
+  const auto weights = [&] { return EdgeWeights{eu, ev, ew}; };
+  return measure_hit(r.origin, r.direction, r.kz, a, b, c, weights, tmin, tmax, hit);
 }
 
 template <EdgeRule Rule>
@@ -225,7 +239,8 @@ GPURT_INLINE bool intersect(const TriangleRay<TriangleTest::Double> &r, Vec3f a,
   // Here 0 means nearer to the edge than double can tell: such a point belongs to both sides, as one on the edge does.
   const double u = edge_function(sc, sb), v = edge_function(sa, sc), w = edge_function(sb, sa);
   if (!accept_edges<Rule>(sa, sb, sc, u, v, w)) return false;
-  return measure_hit(r.origin, r.direction, r.kz, a, b, c, u, v, w, tmin, tmax, hit);
+  const auto weights = [&] { return EdgeWeights{u, v, w}; };
+  return measure_hit(r.origin, r.direction, r.kz, a, b, c, weights, tmin, tmax, hit);
 }
 
 // In float throughout, and no constant that a determinant is compared with: it scales with the area.

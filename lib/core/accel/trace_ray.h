@@ -32,6 +32,13 @@ GPURT_INLINE float caller_t(const TraceRay &ray, float t)
   return ray.exponent == 0 ? t : scale_by_power(t, -ray.exponent);
 }
 
+// Of the largest component.
+GPURT_INLINE int main_axis_of(Vec3f direction)
+{
+  const Vec3f m = abs(direction);
+  return m.x < m.y ? (m.y < m.z ? 2 : 1) : (m.x < m.z ? 2 : 0);
+}
+
 // False for a ray that misses everything: a direction that is zero or not finite, an origin that is not finite, an
 // empty or unordered interval.
 //
@@ -45,8 +52,7 @@ GPURT_INLINE bool prepare_ray(Vec3f origin, Vec3f direction, float tmin, float t
   // Sums of magnitudes are finite or not as their terms are, but for overflow: test the terms.
   if (!(is_finite(origin) && is_finite(direction) && largest > 0.0f && tmin <= tmax)) return false;
   ray.origin = {origin.x + 0.0f, origin.y + 0.0f, origin.z + 0.0f};
-  ray.main_axis =
-      magnitude.x < magnitude.y ? (magnitude.y < magnitude.z ? 2 : 1) : (magnitude.x < magnitude.z ? 2 : 0);
+  ray.main_axis = main_axis_of(direction);
   ray.exponent = 0;
   ray.tmin = tmin;
   ray.tmax = tmax;

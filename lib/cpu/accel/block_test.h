@@ -100,8 +100,8 @@ struct BlockTest<TriangleTest::Watertight> {
                 c = block::corner_of(block, 2, lane);
     // Where no edge function is 0 the scalar test goes straight on to measure.
     if (decided >> lane & 1u) {
-      return measure_hit(r.origin, r.direction, r.kz, a, b, c, edge_u[lane], edge_v[lane], edge_w[lane], tmin,
-                         limit, h);
+      const auto weights = [&] { return EdgeWeights{edge_u[lane], edge_v[lane], edge_w[lane]}; };
+      return measure_hit(r.origin, r.direction, r.kz, a, b, c, weights, tmin, limit, h);
     }
     return intersect<Rule>(r, a, b, c, tmin, limit, h);
   }

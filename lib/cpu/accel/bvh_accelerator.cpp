@@ -19,7 +19,7 @@ class GroupBvh {
   GroupBvh() = default;
   GroupBvh(const HostBvh &tree, const CompiledScene &scene, const Group &group,
            const std::shared_ptr<MemoryTracker> &memory)
-      : bounds_(tree.bounds), center_(tree.center), nodes_(memory, tree.nodes.size(), tree_memory)
+      : bounds_(tree.bounds), frame_(tree.frame), nodes_(memory, tree.nodes.size(), tree_memory)
   {
     const uint64_t num_nodes = tree.nodes.size();
     uint64_t next_block = 0;
@@ -49,12 +49,12 @@ class GroupBvh {
     });
   }
 
-  CpuBvhGroup view() const { return {{nodes_.data(), nullptr, bounds_, center_, root_}, blocks_.data()}; }
+  CpuBvhGroup view() const { return {{nodes_.data(), nullptr, bounds_, frame_, root_}, blocks_.data()}; }
   uint64_t bytes() const { return nodes_.bytes() + blocks_.bytes(); }
 
  private:
   Box bounds_{};
-  Vec3f center_{};
+  BvhFrame frame_{};
   uint32_t root_ = bvh_empty;
   TrackedArray<BvhNode> nodes_;
   TrackedArray<TriangleBlock> blocks_;
@@ -86,7 +86,7 @@ class BvhAccelerator final : public Accelerator {
     facts_.accel_bytes += views_reservation_.bytes();
     view_.groups = views_.data();
     view_.placements = {placements_.nodes.data(), placements_.references.data(), placements_.bounds,
-                        placements_.center, placements_.root};
+                        placements_.frame, placements_.root};
     view_.scene = scene_->view();
     const bool has_placements = placements_.root != bvh_empty;
     kernels_ = &cpu_kernels().bvh(options.triangle_test, scene_->has_alpha_masks, has_placements);

@@ -1,6 +1,7 @@
 // Whether anything lies along each ray: traversal ends at the first hit.
 #include "core/accel/trace.h"
 #include "cuda/accel/dispatch.h"
+#include "cuda/accel/near.h"
 #include "cuda/accel/ray_io.h"
 
 namespace gpurt::cuda {
@@ -21,8 +22,13 @@ __global__ void __launch_bounds__(block_size, Variant::min_blocks)
 }  // namespace
 
 void launch_any(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint8_t *occluded,
-                cudaStream_t stream)
+                const RayOrder &order, cudaStream_t stream)
 {
+  if (order.scratch != nullptr && has_near_kernels(scene)) {
+    launch_near(scene, TraceQuery::Any, rays, uint32_t(num_rays), HitLayout::Compact, occluded, order,
+                stream);
+    return;
+  }
   dispatch(scene, [&]<class Variant>(Variant) {
     launch("any-hit kernel", any_kernel<Variant>, num_rays, stream, scene, rays, num_rays,
            is_aligned_16(rays), occluded);

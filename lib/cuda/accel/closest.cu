@@ -3,6 +3,7 @@
 // Source: Aila and Laine 2009.
 #include "core/accel/trace.h"
 #include "cuda/accel/dispatch.h"
+#include "cuda/accel/near.h"
 #include "cuda/accel/ray_io.h"
 
 namespace gpurt::cuda {
@@ -27,8 +28,12 @@ __global__ void __launch_bounds__(block_size, Variant::min_blocks)
 }  // namespace
 
 void launch_closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays, HitLayout layout, void *hits,
-                    cudaStream_t stream)
+                    const RayOrder &order, cudaStream_t stream)
 {
+  if (order.scratch != nullptr && has_near_kernels(scene)) {
+    launch_near(scene, TraceQuery::Closest, rays, uint32_t(num_rays), layout, hits, order, stream);
+    return;
+  }
   dispatch(scene, [&]<class Variant>(Variant) {
     launch("closest-hit kernel", closest_kernel<Variant>, num_rays, stream, scene, rays, num_rays,
            is_aligned_16(rays), layout, hits, is_aligned_16(hits));

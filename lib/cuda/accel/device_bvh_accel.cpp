@@ -50,7 +50,7 @@ DeviceBvhAccel::DeviceBvhAccel(const CompiledScene &scene, const SceneView &view
     BvhNode *nodes = nodes_.data() + first_node;
     copy_to_device(nodes, std::span<const BvhNode>(tree.nodes), stream);
     first_node += tree.nodes.size();
-    return BvhView{nodes, nullptr, tree.bounds, tree.center, tree.root};
+    return BvhView{nodes, nullptr, tree.bounds, tree.frame, tree.root};
   };
   std::vector<BvhGroupView> group_views;
   for (size_t g = 0; g < trees.groups.size(); ++g) {
@@ -60,7 +60,7 @@ DeviceBvhAccel::DeviceBvhAccel(const CompiledScene &scene, const SceneView &view
                                  : nullptr;
       const DeviceBvh &tree = built_.emplace_back(build_or_refit(old, view, scene.groups[g], memory, stream));
       group_views.push_back(
-          {{tree.nodes.data(), nullptr, tree.bounds, tree.center, tree.root}, tree.triangles.data()});
+          {{tree.nodes.data(), nullptr, tree.bounds, tree.frame, tree.root}, tree.triangles.data()});
       continue;
     }
     const HostBvh &tree = trees.groups[g];
@@ -72,6 +72,7 @@ DeviceBvhAccel::DeviceBvhAccel(const CompiledScene &scene, const SceneView &view
     first_reference += tree.references.size();
     group_views.push_back({place(tree), triangles});
   }
+  if (!group_views.empty()) world_ = group_views[0];
   BvhView placements = place(trees.placements);
   placements.references = placement_references_.data();
   groups_ = upload(memory, std::span<const BvhGroupView>(group_views), "the bvhs' views", stream);

@@ -20,6 +20,8 @@ class DeviceBvhAccel {
 
   /// Pointers to device memory, valid while this lives.
   const BvhAccelView &view() const { return view_; }
+  /// Group 0, which holds what lies in world space.
+  const BvhGroupView &world() const { return world_; }
   uint64_t bytes() const;
   /// What was built or refitted on the device, in the order of groups.
   const std::vector<DeviceBvh> &built() const { return built_; }
@@ -32,6 +34,7 @@ class DeviceBvhAccel {
   std::vector<DeviceBvh> built_;
   DeviceBuffer<BvhGroupView> groups_;
   BvhAccelView view_{};
+  BvhGroupView world_{};
 };
 
 }  // namespace gpurt::cuda

@@ -14,19 +14,36 @@ namespace gpurt::cuda {
 struct TraceScene {
   KdAccelView kd_trees;
   BvhAccelView bvhs;
-  bool has_bvhs;  // else kd-trees
+  bool has_bvhs;       // else kd-trees
+  BvhGroupView world;  // of bvhs.groups[0]
+  int num_sms;         // of the device
   SceneView scene;
   TriangleTest triangle_test;
 };
 
+/// Whether neighbours in a batch go nearly the same way; values of gpurt::Coherence.
+enum class Coherence : uint32_t { Auto = 0, Coherent = 1, Incoherent = 2 };
+
+enum class TraceQuery : uint32_t { Closest, Any };
+
 /// How a closest hit is written: Hit, FullHit or CompactHit.
 enum class HitLayout : uint32_t { Internal, Full, Compact };
 
-// Each starts one kernel on the stream and returns. Rays and hits need the alignment of their members alone.
+/// What is known of the order of rays, and memory for kernels that use it.
+struct RayOrder {
+  Coherence coherence = Coherence::Incoherent;
+  uint32_t width = 0;  // rays are those of an image, row by row, of this many; 0: not
+  uint32_t *scratch =
+      nullptr;  // trace_scratch_words(num_rays) words of device memory; null: kernels without are taken
+};
+uint64_t trace_scratch_words(uint64_t num_rays);
+
+// Each starts its kernels on the stream and returns. Rays and hits need the alignment of their members alone; fewer than
+// 2^31 rays at a time.
 void launch_closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays, HitLayout layout, void *hits,
-                    cudaStream_t stream);
+                    const RayOrder &order, cudaStream_t stream);
 void launch_any(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint8_t *occluded,
-                cudaStream_t stream);
+                const RayOrder &order, cudaStream_t stream);
 /// The number of crossings of every ray; a triangle that lies in several leaves counts several times.
 void launch_count_all(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint64_t *counts,
                       cudaStream_t stream);

@@ -28,10 +28,18 @@ uint64_t hit_bytes(const TraceRequest &request)
   return request.compact ? sizeof(CompactHit) : sizeof(FullHit);
 }
 
+// Rays of a launch: whole tiles of an image's rows, where the rays are an image's.
+uint64_t slice_of(const TraceRequest &request, uint64_t num_rays)
+{
+  const uint64_t band = uint64_t(request.image_width) * 4;
+  return band == 0 || num_rays < band ? num_rays : num_rays / band * band;
+}
+
 // Calls start(first, count), which launches a kernel over these rays, for slices of the batch, two of which are queued
 // at a time so that the device does not wait for the host. Returns the seconds that they took on the device.
 template <class Start>
-double run_in_slices(Lane &lane, SliceSize &slice, uint64_t num_rays, Start &&start)
+double run_in_slices(Lane &lane, SliceSize &slice, const TraceRequest &request, uint64_t num_rays,
+                     Start &&start)
 {
   uint64_t counts[2] = {0, 0};
   double sum = 0;
@@ -46,7 +54,7 @@ double run_in_slices(Lane &lane, SliceSize &slice, uint64_t num_rays, Start &&st
   int k = 0;
   for (uint64_t first = 0; first < num_rays; k ^= 1) {
     finish(k);
-    counts[k] = std::min(slice.get(), num_rays - first);
+    counts[k] = std::min(slice_of(request, slice.get()), num_rays - first);
     lane.timing[k].begin.record(lane.stream());
     start(first, counts[k]);
     lane.timing[k].end.record(lane.stream());
@@ -95,9 +103,9 @@ uint64_t result_bytes_of(const TraceRequest &request)
   return request.query == QueryKind::Any ? 1 : hit_bytes(request);
 }
 
-// Launches what the request's schedule says; `tracer` is null where it is the fused kernels.
+// Launches what the request's schedule says; `tracer` is null where it is the fused kernels, which use `scratch`.
 void launch_hits(const QueryContext &context, const TraceRequest &request, ScheduledTracer *tracer,
-                 const Ray *rays, uint64_t num_rays, void *results, cudaStream_t stream)
+                 const Ray *rays, uint64_t num_rays, void *results, uint32_t *scratch, cudaStream_t stream)
 {
   if (tracer != nullptr) {
     const HitLayout layout = request.compact ? HitLayout::Compact : HitLayout::Full;
@@ -106,11 +114,12 @@ void launch_hits(const QueryContext &context, const TraceRequest &request, Sched
     else tracer->closest(context.scene, rays, num_rays, layout, results);
     return;
   }
+  const RayOrder order{cuda::Coherence(request.coherence), request.image_width, scratch};
   if (request.query == QueryKind::Any) {
-    launch_any(context.scene, rays, num_rays, static_cast<uint8_t *>(results), stream);
+    launch_any(context.scene, rays, num_rays, static_cast<uint8_t *>(results), order, stream);
   } else {
     launch_closest(context.scene, rays, num_rays, request.compact ? HitLayout::Compact : HitLayout::Full,
-                   results, stream);
+                   results, order, stream);
   }
 }
 
@@ -142,11 +151,13 @@ void trace_each_on_device(const QueryContext &context, const TraceRequest &reque
   const uint64_t result_bytes = result_bytes_of(request);
   std::byte *results = results_of(request);
   std::optional<ScheduledTracer> tracer = make_tracer(context, request, request.num_rays, lane->stream());
+  const StreamWords scratch(*context.memory, lane->stream(),
+                            trace_scratch_words(std::min(request.num_rays, max_slice_rays)));
   const WaitAtEnd wait(lane->stream());
   const double seconds =
-      run_in_slices(*lane, context.slice, request.num_rays, [&](uint64_t first, uint64_t n) {
+      run_in_slices(*lane, context.slice, request, request.num_rays, [&](uint64_t first, uint64_t n) {
         launch_hits(context, request, tracer ? &*tracer : nullptr, request.rays + first, n,
-                    results + first * result_bytes, lane->stream());
+                    results + first * result_bytes, scratch.data(), lane->stream());
       });
   lane->synchronize();
   std::mutex mutex;
@@ -212,9 +223,10 @@ void trace_each_on_host(const QueryContext &context, const TraceRequest &request
     void *pinned_results = lane.to_host.reserve(part.results.bytes());
     std::memcpy(pinned_rays, request.rays + first, count * sizeof(Ray));
     copy_async(part.rays.data(), pinned_rays, count * sizeof(Ray), cudaMemcpyHostToDevice, lane);
-    const double seconds = run_in_slices(lane, context.slice, count, [&](uint64_t i, uint64_t n) {
+    const StreamWords scratch(*context.memory, lane.stream(), trace_scratch_words(count));
+    const double seconds = run_in_slices(lane, context.slice, request, count, [&](uint64_t i, uint64_t n) {
       launch_hits(context, request, tracer, part.rays.data() + i, n, part.results.data() + i * result_bytes,
-                  lane.stream());
+                  scratch.data(), lane.stream());
     });
     copy_async(pinned_results, part.results.data(), count * result_bytes, cudaMemcpyDeviceToHost, lane);
     lane.synchronize();
@@ -297,7 +309,7 @@ class AllHitsQuery {
   // Where the crossings of each ray of the chunk would be listed, on the device and the host.
   void count_listed(const Ray *rays, uint64_t count)
   {
-    run_in_slices(lane_, context_.slice, count, [&](uint64_t i, uint64_t n) {
+    run_in_slices(lane_, context_.slice, request_, count, [&](uint64_t i, uint64_t n) {
       launch_count_all(context_.scene, rays + i, n, listed_offsets_.data() + i, lane_.stream());
     });
     sum_counts(listed_offsets_, count, 0, host_listed_);
@@ -309,7 +321,7 @@ class AllHitsQuery {
     const uint64_t first_listed = host_listed_[begin], count = end - begin;
     const uint64_t *listed_offsets = listed_offsets_.data() + begin;
     grow(listed_, host_listed_[end] - first_listed, "all hits of a chunk of rays");
-    run_in_slices(lane_, context_.slice, count, [&](uint64_t i, uint64_t n) {
+    run_in_slices(lane_, context_.slice, request_, count, [&](uint64_t i, uint64_t n) {
       launch_list_all(context_.scene, rays + begin + i, n, listed_offsets + i, first_listed, listed_.data(),
                       hit_offsets_.data() + i, lane_.stream());
     });
@@ -407,10 +419,11 @@ void queue_batch(const QueryContext &context, const TraceRequest &request, cudaS
   }
   check_device_pointers(request, context.memory->ordinal());
   if (wait_event != nullptr) check(cudaStreamWaitEvent(stream, wait_event, 0), "cudaStreamWaitEvent");
-  const uint64_t slice = context.slice.get(), result_bytes = result_bytes_of(request);
+  const uint64_t slice = slice_of(request, context.slice.get()), result_bytes = result_bytes_of(request);
+  const StreamWords scratch(*context.memory, stream, trace_scratch_words(std::min(slice, request.num_rays)));
   for (uint64_t first = 0; first < request.num_rays; first += slice) {
     launch_hits(context, request, nullptr, request.rays + first, std::min(slice, request.num_rays - first),
-                results_of(request) + first * result_bytes, stream);
+                results_of(request) + first * result_bytes, scratch.data(), stream);
   }
   if (done_event != nullptr) check(cudaEventRecord(done_event, stream), "cudaEventRecord");
 }

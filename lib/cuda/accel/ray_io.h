@@ -15,7 +15,7 @@ __device__ __forceinline__ Ray load_ray(const Ray *rays, uint64_t i, bool aligne
 {
   if (!aligned) return rays[i];
   const float4 *p = reinterpret_cast<const float4 *>(rays + i);
-  const float4 a = __ldcs(p), b = __ldcs(p + 1);
+  const float4 a = __ldg(p), b = __ldg(p + 1);
   return {{a.x, a.y, a.z}, a.w, {b.x, b.y, b.z}, b.w};
 }
 

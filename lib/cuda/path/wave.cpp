@@ -45,7 +45,7 @@ class Layout {
 
 struct WaveArrays {
   PathWave wave;
-  uint32_t *block_counts, *largest;
+  uint32_t *block_counts, *largest, *trace_scratch;
   uint32_t *flags[2], *places[2];
   std::byte *placement_memory, *sort_memory;
   uint64_t placement_bytes, sort_bytes;
@@ -81,6 +81,7 @@ WaveArrays lay_out(std::byte *base, uint64_t n, const Schedule &schedule)
   a.sort_bytes = schedule.shading == Shading::Sorted ? sort_hits_bytes(uint32_t(n)) : 0;
   a.sort_memory = layout.take<std::byte>(a.sort_bytes);
   a.uber_numbers = layout.take<unsigned long long>(num_uber_numbers);
+  a.trace_scratch = layout.take<uint32_t>(trace_scratch_words(n));
   a.bytes = layout.bytes();
   return a;
 }
@@ -120,6 +121,7 @@ WaveMemory::WaveMemory(const std::shared_ptr<DeviceMemory> &memory, uint32_t cap
   // The uber-kernel of paths traces for itself.
   if (!is_fused(schedule) && schedule.traversal != Traversal::Uber)
     tracer_.emplace(schedule, memory, capacity, stream);
+  trace_scratch_ = arrays.trace_scratch;
 }
 
 CompactScratch WaveMemory::compaction() const { return {block_counts_, host_numbers()}; }

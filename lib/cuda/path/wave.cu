@@ -45,9 +45,14 @@ constexpr const char *stage_names[] = {"path stage 'generate'", "path stage 'tra
 
 class StreamExecutor {
  public:
-  StreamExecutor(const TraceScene &scene, const std::atomic<bool> *cancelled, WaveMemory &memory,
-                 cudaStream_t stream, WaveCounters &counters)
-      : scene_(scene), cancelled_(cancelled), memory_(memory), stream_(stream), counters_(counters)
+  StreamExecutor(const TraceScene &scene, uint32_t width, const std::atomic<bool> *cancelled,
+                 WaveMemory &memory, cudaStream_t stream, WaveCounters &counters)
+      : scene_(scene),
+        width_(width),
+        cancelled_(cancelled),
+        memory_(memory),
+        stream_(stream),
+        counters_(counters)
   {
     memory_.clock.start(stream_);
   }
@@ -74,7 +79,7 @@ class StreamExecutor {
   {
     if (ScheduledTracer *tracer = memory_.tracer())
       tracer->closest(scene_, rays, n, HitLayout::Internal, hits);
-    else launch_closest(scene_, rays, n, HitLayout::Internal, hits, stream_);
+    else launch_closest(scene_, rays, n, HitLayout::Internal, hits, order(is_first_trace_), stream_);
     (is_first_trace_ ? counters_.num_camera_rays : counters_.num_bounce_rays) += n;
     is_first_trace_ = false;
     memory_.clock.mark(stream_, PathStage::Trace);
@@ -83,7 +88,7 @@ class StreamExecutor {
   void trace_occluded(const Ray *rays, uint8_t *occluded, uint32_t n)
   {
     if (ScheduledTracer *tracer = memory_.tracer()) tracer->any(scene_, rays, n, occluded);
-    else launch_any(scene_, rays, n, occluded, stream_);
+    else launch_any(scene_, rays, n, occluded, order(false), stream_);
     counters_.num_shadow_rays += n;
     memory_.clock.mark(stream_, PathStage::Shadow);
   }
@@ -146,6 +151,14 @@ class StreamExecutor {
   }
 
  private:
+  // The fast kernels serve camera rays alone: a ray that leaves a surface may always hit the triangle that it leaves, as far
+  // as single precision can tell, and what has to be measured in addition costs more than they save.
+  RayOrder order(bool is_camera) const
+  {
+    if (!is_camera) return {};
+    return {Coherence::Coherent, width_, memory_.trace_scratch()};
+  }
+
   // Finds places for the rays that are there; false if the schedule compacts by blocks.
   bool place(const Ray *rays, uint32_t n)
   {
@@ -168,6 +181,7 @@ class StreamExecutor {
   uint32_t kept() { return synchronize() ? 0 : *memory_.compaction().total; }
 
   const TraceScene &scene_;
+  uint32_t width_;  // of the image that camera rays are of, row by row, sample by sample
   const std::atomic<bool> *cancelled_;
   WaveMemory &memory_;
   cudaStream_t stream_;
@@ -239,7 +253,7 @@ void trace_uber_paths(StreamExecutor &exec, const TraceScene &scene, const PathS
   if (film.features != nullptr || film.first_hits != nullptr) {
     // What the film keeps of eye rays is gathered pixel by pixel, for which all of them must be there at once.
     exec.for_each(PathStage::Generate, num_paths, GenerateCameraRays{settings, unit, wave});
-    launch_closest(scene, wave.rays.rays, num_paths, HitLayout::Internal, wave.hits, stream);
+    launch_closest(scene, wave.rays.rays, num_paths, HitLayout::Internal, wave.hits, {}, stream);
     add_features(exec, scene.scene, settings, unit, wave, film, num_paths);
   }
   unsigned long long *numbers = memory.uber_numbers();
@@ -273,7 +287,7 @@ bool render_wave(const TraceScene &scene, const PathSettings &settings, const Pa
                  const FilmView &film, uint32_t num_paths, const std::atomic<bool> *cancelled,
                  WaveMemory &memory, cudaStream_t stream, WaveCounters &counters)
 {
-  StreamExecutor executor(scene, cancelled, memory, stream, counters);
+  StreamExecutor executor(scene, unit.x1 - unit.x0, cancelled, memory, stream, counters);
   const Schedule &schedule = memory.schedule();
   if (schedule.traversal == Traversal::Uber) {
     trace_uber_paths(executor, scene, settings, unit, film, num_paths, memory, stream, counters);

@@ -45,6 +45,8 @@ class WaveMemory {
   CompactScratch compaction() const;
   /// In device memory: the bits of the largest radiance of a path, 0 at first.
   uint32_t *largest_bits() const { return largest_; }
+  /// In device memory: what tracing the wave's rays works on.
+  uint32_t *trace_scratch() const { return trace_scratch_; }
   const Schedule &schedule() const { return schedule_; }
   /// Null where the schedule is that of the fused kernels.
   ScheduledTracer *tracer() { return tracer_ ? &*tracer_ : nullptr; }
@@ -77,7 +79,7 @@ class WaveMemory {
   unsigned long long *uber_numbers_ = nullptr;
   PathWave wave_{};
   uint32_t *block_counts_ = nullptr;
-  uint32_t *largest_ = nullptr;
+  uint32_t *largest_ = nullptr, *trace_scratch_ = nullptr;
   PinnedBuffer pinned_;
   void *pinned_numbers_ = nullptr;
 };

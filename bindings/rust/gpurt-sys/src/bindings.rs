@@ -608,6 +608,11 @@ pub const GPURT_HIT_FULL: gpurt_hit_format = 0;
 pub const GPURT_HIT_COMPACT: gpurt_hit_format = 1;
 pub const GPURT_HIT_FORMAT_FORCE32: gpurt_hit_format = 2147483647;
 pub type gpurt_hit_format = ::std::os::raw::c_uint;
+pub const GPURT_COHERENCE_AUTO: gpurt_coherence = 0;
+pub const GPURT_COHERENCE_COHERENT: gpurt_coherence = 1;
+pub const GPURT_COHERENCE_INCOHERENT: gpurt_coherence = 2;
+pub const GPURT_COHERENCE_FORCE32: gpurt_coherence = 2147483647;
+pub type gpurt_coherence = ::std::os::raw::c_uint;
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
 pub struct gpurt_trace_desc {
@@ -623,6 +628,8 @@ pub struct gpurt_trace_desc {
     pub hit_capacity: u64,
     pub schedule: gpurt_schedule,
     pub out_counters: *mut gpurt_schedule_counters,
+    pub coherence: gpurt_coherence,
+    pub image_width: u32,
 }
 extern "C" {
     pub fn gpurt_scene_trace(scene: gpurt_scene, desc: *const gpurt_trace_desc) -> gpurt_result;

@@ -192,7 +192,7 @@ macro_rules! with_descriptors {
             gpurt_kdtree { struct_size tree num_nodes num_references num_triangles bounds_min bounds_max nodes
                 references }
             gpurt_trace_desc { struct_size query format storage num_rays rays hits occluded offsets
-                hit_capacity schedule out_counters }
+                hit_capacity schedule out_counters coherence image_width }
             gpurt_frame_desc { struct_size width height camera outputs frame_index seed first_sample }
             gpurt_render_desc { struct_size pipeline samples_per_pixel target_error time_limit_s max_depth
                 tile_size progress progress_user schedule }

@@ -81,7 +81,7 @@ struct BuildLevel {
   uint32_t *small_references;
   BuildCounters *counters;
   float scale, root_area;
-  Vec3f center;
+  BvhFrame frame;
 };
 
 /// Where a node's references lie, in an array that `level_array` is for all but small nodes.

@@ -54,7 +54,7 @@ class Builder {
     tree.is_complete = count == group_.num_triangles;
     if (count != 0) {
       tree.bounds = box_of(counters_.bounds);
-      tree.center = (0.5f * tree.bounds.lo) + (0.5f * tree.bounds.hi);
+      tree.frame = make_bvh_frame(tree.bounds);
       event[1].record(stream_);
       split_all(count, tree);
       event[2].record(stream_);
@@ -156,7 +156,7 @@ class Builder {
   void split_all(uint32_t count, const DeviceBvh &tree)
   {
     const uint32_t spare = spare_references(count), most = count + spare;
-    state_.level.center = tree.center;
+    state_.level.frame = tree.frame;
     state_.level.scale = area_scale(tree.bounds);
     state_.level.root_area = scaled_half_area(tree.bounds, state_.level.scale);
     small_nodes_ = allocate<BvhNode>(most);

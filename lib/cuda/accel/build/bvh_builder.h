@@ -17,7 +17,7 @@ struct DeviceBvh {
   DeviceBuffer<BvhNode> nodes;           // depth first
   DeviceBuffer<LeafTriangle> triangles;  // leaf by leaf
   Box bounds = {};
-  Vec3f center = {};
+  BvhFrame frame = {};
   uint32_t root = bvh_empty;
   // Facts of the build.
   uint32_t depth = 0;

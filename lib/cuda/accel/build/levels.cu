@@ -21,7 +21,7 @@ __global__ void __launch_bounds__(block_size) small_kernel(BuildLevel level, uin
   if (index >= num_nodes) return;
   BuildNode &node = level.nodes[index];
   if (!is_small(node)) return;
-  build_small(WarpGroup(), references_of(node, nullptr, level.small_nodes), node, level.scale, level.center,
+  build_small(WarpGroup(), references_of(node, nullptr, level.small_nodes), node, level.scale, level.frame,
               shared[warp], level.small_nodes + node.subtree, level.small_references + node.subtree);
 }
 
@@ -55,7 +55,7 @@ __global__ void __launch_bounds__(block_size)
 {
   const uint64_t index = begin + thread_item();
   if (index < end)
-    place_children(state.level.nodes, uint32_t(index), state.level.scale, state.level.center, target);
+    place_children(state.level.nodes, uint32_t(index), state.level.scale, state.level.frame, target);
 }
 
 __global__ void __launch_bounds__(block_size)

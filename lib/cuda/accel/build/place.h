@@ -43,7 +43,7 @@ GPURT_GROUP uint32_t word_of(const BuildNode &node)
 }
 
 /// Places a node's children behind it and writes the node.
-GPURT_GROUP void place_children(BuildNode *nodes, uint32_t index, float scale, Vec3f center,
+GPURT_GROUP void place_children(BuildNode *nodes, uint32_t index, float scale, const BvhFrame &frame,
                                 const BuildTarget &target)
 {
   const BuildNode &node = nodes[index];
@@ -56,7 +56,7 @@ GPURT_GROUP void place_children(BuildNode *nodes, uint32_t index, float scale, V
   b.place_node = a.place_node + a.num_inner;
   b.place_reference = a.place_reference + a.num_references;
   target.nodes[node.place_node] =
-      make_bvh_node(box_of(a.bounds), word_of(a), box_of(b.bounds), word_of(b), center);
+      make_bvh_node(box_of(a.bounds), word_of(a), box_of(b.bounds), word_of(b), frame);
 }
 
 /// Copies a small subtree to its place.

@@ -53,11 +53,11 @@ DeviceBvh refit_bvh(const DeviceBvh &old, const SceneView &view, const std::shar
   fits = num_degenerate == 0;
   if (!fits) return tree;
   tree.bounds = box_of(measured);
-  tree.center = (0.5f * tree.bounds.lo) + (0.5f * tree.bounds.hi);
+  tree.frame = make_bvh_frame(tree.bounds);
   const float scale = area_scale(tree.bounds), root_area = scaled_half_area(tree.bounds, scale);
   std::vector<double> block_costs(num_blocks);
   if (num_blocks != 0) {
-    launch_refit_nodes(state, tree.center, scale, tree.nodes.data(), costs.data(), stream);
+    launch_refit_nodes(state, tree.frame, scale, tree.nodes.data(), costs.data(), stream);
     check(cudaMemcpyAsync(block_costs.data(), costs.data(), costs.bytes(), cudaMemcpyDeviceToHost, stream),
           "cudaMemcpyAsync");
     check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");

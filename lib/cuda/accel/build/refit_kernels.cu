@@ -22,10 +22,11 @@ __global__ void __launch_bounds__(block_size)
   const uint64_t i = thread_item();
   Box box = empty_box();
   if (i < s.num_triangles) {
-    const uint32_t triangle = s.old_triangles[i].triangle;
+    const LeafTriangle old = s.old_triangles[i];
+    const uint32_t triangle = old.triangle;
     const UInt3 c = indices[triangle];
     const Vec3f p0 = positions[c.x], p1 = positions[c.y], p2 = positions[c.z];
-    s.triangles[i] = {p0, triangle, p1, 0, p2, 0};
+    s.triangles[i] = {p0, triangle, p1, old.primitive, p2, old.segment};
     if (has_no_area(p0, p1, p2)) add_to(s.num_empty, 1);
     box = {min(p0, min(p1, p2)), max(p0, max(p1, p2))};
   }
@@ -75,7 +76,7 @@ __global__ void __launch_bounds__(block_size) boxes_kernel(RefitState s)
 }
 
 __global__ void __launch_bounds__(block_size)
-    nodes_kernel(RefitState s, Vec3f center, float scale, BvhNode *nodes, double *costs)
+    nodes_kernel(RefitState s, BvhFrame frame, float scale, BvhNode *nodes, double *costs)
 {
   __shared__ double sums[block_size];
   const uint64_t i = thread_item();
@@ -83,7 +84,7 @@ __global__ void __launch_bounds__(block_size)
   if (i < s.num_nodes) {
     const BvhNode &old = s.old_nodes[i];
     const Box box0 = s.boxes[2 * i], box1 = s.boxes[2 * i + 1];
-    nodes[i] = make_bvh_node(box0, old.child0, box1, old.child1, center);
+    nodes[i] = make_bvh_node(box0, old.child0, box1, old.child1, frame);
     cost = double(scaled_half_area(extend(box0, box1), scale)) * build_traversal_cost;
     if (is_bvh_leaf(old.child0)) cost += double(scaled_half_area(box0, scale)) * leaf_size(old.child0);
     if (is_bvh_leaf(old.child1)) cost += double(scaled_half_area(box1, scale)) * leaf_size(old.child1);
@@ -114,10 +115,10 @@ void launch_refit_boxes(const RefitState &state, cudaStream_t stream)
   launch("kernel that refits boxes", boxes_kernel, 2 * state.num_nodes, stream, state);
 }
 
-void launch_refit_nodes(const RefitState &state, Vec3f center, float scale, BvhNode *nodes, double *costs,
-                        cudaStream_t stream)
+void launch_refit_nodes(const RefitState &state, const BvhFrame &frame, float scale, BvhNode *nodes,
+                        double *costs, cudaStream_t stream)
 {
-  launch("kernel that refits nodes", nodes_kernel, state.num_nodes, stream, state, center, scale, nodes,
+  launch("kernel that refits nodes", nodes_kernel, state.num_nodes, stream, state, frame, scale, nodes,
          costs);
 }
 

@@ -29,7 +29,7 @@ void launch_refit_triangles(const RefitState &state, const SceneView &scene, cud
 /// Boxes of all slots.
 void launch_refit_boxes(const RefitState &state, cudaStream_t stream);
 /// Nodes over the boxes. costs[i]: of the nodes and leaves of block i, in triangle tests times area.
-void launch_refit_nodes(const RefitState &state, Vec3f center, float scale, BvhNode *nodes, double *costs,
-                        cudaStream_t stream);
+void launch_refit_nodes(const RefitState &state, const BvhFrame &frame, float scale, BvhNode *nodes,
+                        double *costs, cudaStream_t stream);
 
 }  // namespace gpurt::cuda

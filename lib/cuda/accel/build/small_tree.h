@@ -33,7 +33,7 @@ GPURT_GROUP bool comes_before(float a, uint32_t i, float b, uint32_t j) { return
 /// Writes nodes, whose children's words count from the subtree's first node and reference, and the references' triangles.
 template <class Group>
 GPURT_GROUP void build_small(const Group &group, const BuildReference *from, BuildNode &node, float scale,
-                             Vec3f center, SmallTree &s, BvhNode *nodes, uint32_t *triangles)
+                             const BvhFrame &frame, SmallTree &s, BvhNode *nodes, uint32_t *triangles)
 {
   const uint32_t count = node.count, depth = node.depth;
   for (uint32_t i = group.thread(); i < count; i += group.size()) {
@@ -160,7 +160,7 @@ GPURT_GROUP void build_small(const Group &group, const BuildReference *from, Bui
           place.reference, uint8_t(s.is_first[i] ? begin : middle), uint8_t(s.is_first[i] ? middle : end),
           uint8_t(index * 2 + (s.is_first[i] == is_swapped ? 1 : 0)), false};
       if (i != begin) continue;
-      nodes[index] = make_bvh_node(box[is_swapped], 0, box[!is_swapped], 0, center);
+      nodes[index] = make_bvh_node(box[is_swapped], 0, box[!is_swapped], 0, frame);
       s.part_cost[i] += s.area[begin] * build_traversal_cost;
       if (place.parent != 0xff) {
         BvhNode &parent = nodes[place.parent / 2];

@@ -1,0 +1,164 @@
+// A ray as the bvh's fast kernels carry it: fewer operations a box and a triangle than traverse_bvh and intersect, and the
+// same hits to the bit.
+//
+// It serves rays of the watertight test whose origin is near the tree: boxes are stored larger by what rounding takes up
+// to there, so that a box needs no widening of its own. Other rays, which are few, go the general way.
+//
+// In the terms of bvh_traverse.h, with M no more than half of the frame's reach, boxes are larger by 2^-20 reach = 32 eps M
+// on each side. Of these 7 eps M are the triangle test's, 7 those of the box test's roundings with a reciprocal that is
+// off by 1 ulp, and 5 those of taking tmin, of at most 4 M/|d_z|, from every distance.
+#pragma once
+
+#include "core/accel/bvh_traverse.h"
+#include "core/accel/kd_accel.h"
+
+namespace gpurt {
+
+struct NearRay {
+  Vec3f inverse, shift, size;  // 1/d, -o'/d - begin and |1/d|
+  Vec3f origin;
+  float sx, sy, sz;  // the shear
+  int main_axis;
+  float
+      end_offset;  // of a t of the ray, widened: what boxes are compared with is t - begin, so that it is not negative
+};
+
+// An interval that holds the t which intersect() gives for a triangle, whatever rounding did to both.
+struct HitInterval {
+  float lower, upper;
+};
+
+// What the edge functions say of a triangle in single precision. Unclear: intersect() has to tell.
+enum class EdgeVerdict { Outside, Inside, Unclear };
+
+GPURT_FUNCTIONS_BEGIN
+
+#if defined(__CUDA_ARCH__)
+// Off by 1 ulp. What is too small to be normal gives infinity; arguments are below 2^104.
+GPURT_INLINE float fast_reciprocal(float x)
+{
+  float r;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(r) : "f"(x));
+  return r;
+}
+// Of three floats, and a fourth, as integers, which takes half the instructions: integers order positive floats as floats
+// do, and negative ones below them, the other way round. The maximum with 0 is exact; a minimum below 0 stays below 0. What
+// is not a number counts as very large.
+GPURT_INLINE float loose_max(float a, float b, float c, float d)
+{
+  return __int_as_float(
+      max(__vimax3_s32(__float_as_int(a), __float_as_int(b), __float_as_int(c)), __float_as_int(d)));
+}
+GPURT_INLINE float loose_min(float a, float b, float c, float d)
+{
+  return __int_as_float(
+      min(__vimin3_s32(__float_as_int(a), __float_as_int(b), __float_as_int(c)), __float_as_int(d)));
+}
+#else
+GPURT_INLINE float fast_reciprocal(float x) { return 1.0f / x; }
+GPURT_INLINE float loose_max(float a, float b, float c, float d)
+{
+  return at_least(at_least(at_least(d, a), b), c);
+}
+GPURT_INLINE float loose_min(float a, float b, float c, float d)
+{
+  return at_most(at_most(at_most(d, a), b), c);
+}
+#endif
+
+GPURT_INLINE float larger_size(float x, float y)
+{
+#if defined(__CUDA_ARCH__)
+  return fmaxf(fabsf(x), fabsf(y));
+#else
+  return max(abs(x), abs(y));
+#endif
+}
+
+// False for a ray that has to go the general way, misses among them.
+GPURT_INLINE bool make_near_ray(const Ray &ray, const BvhView &tree, NearRay &r)
+{
+  const Vec3f magnitude = abs(ray.direction);
+  const float largest = max_component(magnitude);
+  const Vec3f offset = ray.origin - tree.frame.center;
+  // The largest distance from the origin to a point of the tree, along an axis, or a little more.
+  const Vec3f distance = abs(offset);
+  const float farthest = max_component(distance) + tree.frame.half_extent;
+  // Not a number if one of them is none, which comparisons of the largest may miss.
+  const float sum = (magnitude.x + magnitude.y + magnitude.z) + (distance.x + distance.y + distance.z);
+  if (!(largest >= 0x1p-40f && largest <= 0x1p40f && sum < infinity && 2.0f * farthest <= tree.frame.reach &&
+        ray.tmin <= ray.tmax && abs(ray.tmin) * largest <= 4.0f * farthest))
+    return false;
+  r.main_axis = main_axis_of(ray.direction);
+  const int kx = r.main_axis == 2 ? 0 : r.main_axis + 1, ky = kx == 2 ? 0 : kx + 1;
+  r.sz = 1.0f / at(ray.direction, r.main_axis);
+  r.sx = at(ray.direction, kx) * r.sz;
+  r.sy = at(ray.direction, ky) * r.sz;
+  r.origin = ray.origin;
+  const float steepest = abs(r.sz);
+  const float limit = steepest * 0x1p30f;
+  const float t_widening = farthest * 0x1p-20f * steepest + 0x1p-146f;
+  const float begin = ray.tmin - t_widening;
+  r.end_offset = t_widening - begin;
+  const auto prepare = [&](float d, float o, float &inverse, float &size, float &shift) {
+    size = min(limit, abs(fast_reciprocal(d)));
+    inverse = d < 0.0f ? -size : size;
+    shift = -(o * inverse) - begin;
+  };
+  prepare(ray.direction.x, offset.x, r.inverse.x, r.size.x, r.shift.x);
+  prepare(ray.direction.y, offset.y, r.inverse.y, r.size.y, r.shift.y);
+  prepare(ray.direction.z, offset.z, r.inverse.z, r.size.z, r.shift.z);
+  return true;
+}
+
+GPURT_INLINE void clip_near(const NearRay &r, Vec3f center, float half_x, float half_y, float half_z,
+                            float end, float &enter, float &leave)
+{
+  const float x = fma(center.x, r.inverse.x, r.shift.x), y = fma(center.y, r.inverse.y, r.shift.y),
+              z = fma(center.z, r.inverse.z, r.shift.z);
+  enter = loose_max(fma(-half_x, r.size.x, x), fma(-half_y, r.size.y, y), fma(-half_z, r.size.z, z), 0.0f);
+  leave = loose_min(fma(half_x, r.size.x, x), fma(half_y, r.size.y, y), fma(half_z, r.size.z, z), end);
+}
+
+// The fast half of intersect(): the same edge functions, and instead of t an interval for it, in single precision.
+GPURT_INLINE EdgeVerdict test_near(const NearRay &r, Vec3f a, Vec3f b, Vec3f c, HitInterval &t)
+{
+  const bool is_x = r.main_axis == 0, is_y = r.main_axis == 1;
+  const auto shear = [&](Vec3f p, float &z) {
+    const Vec3f q = p - r.origin;
+    z = is_x ? q.x : is_y ? q.y : q.z;
+    const float x = is_x ? q.y : is_y ? q.z : q.x, y = is_x ? q.z : is_y ? q.x : q.y;
+    return ShearedPoint<float>{x - r.sx * z, y - r.sy * z};
+  };
+  float za, zb, zc;
+  const ShearedPoint<float> sa = shear(a, za), sb = shear(b, zb), sc = shear(c, zc);
+  const float u = edge_function(sc, sb), v = edge_function(sa, sc), w = edge_function(sb, sa);
+  const float least = at_most(u, at_most(v, w)), most = at_least(u, at_least(v, w));
+  if (least < 0.0f && most > 0.0f) return EdgeVerdict::Outside;
+  if (!(least > 0.0f || most < 0.0f)) return EdgeVerdict::Unclear;
+  // Let C be the largest sheared coordinate, Z the largest and H the extent of the distances z along the main axis, D the
+  // sum of the edge functions, eps = 2^-24. sx and sy are those of a direction that is off by 2 eps, which turns the ray
+  // about its origin and moves the crossing by 2 eps Z. Apart from that, sheared coordinates are off by at most
+  // 2 C + 3 Z times eps, which moves each edge function by at most 12 eps (C + Z) C, and rounding moves it by 4 eps C^2
+  // more. So z, the mean of the corners' weighed by the edge functions, is off by s H with s = 48 eps (C + Z) C / |D|, or
+  // by s / (1 - s) H where that moves D itself: by less than 4/3 s H for s below 3/16. It is never off by more than H,
+  // since it and what intersect() gives both lie within the corners'. Roundings of z, of the mean and of t and the turn
+  // are less than 16 eps (C + Z). What intersect() itself is off by, in double, is 2^-29 of that, or again less than H:
+  // where its weights are within the triangle it interpolates, elsewhere it clamps.
+  const float z_low = at_most(za, at_most(zb, zc)), z_high = at_least(za, at_least(zb, zc));
+  const float C =
+      at_least(at_least(larger_size(sa.x, sa.y), larger_size(sb.x, sb.y)), larger_size(sc.x, sc.y));
+  const float reach = C + larger_size(z_low, z_high);
+  const float area = u + v + w;
+  if (!(abs(area) >= 0x1p-80f)) return EdgeVerdict::Unclear;  // products may have lost bits
+  const float inverse = fast_reciprocal(area);
+  const float z = (u * za + v * zb + w * zc) * inverse;
+  const float share = reach * (C * abs(inverse)) * 0x1p-18f;  // 64 eps
+  const float error = (z_high - z_low) * (share <= 0.25f ? share : 1.0f) + reach * 0x1p-20f;
+  const float t_error = error * abs(r.sz) + 0x1p-140f, t_middle = z * r.sz;
+  t = {t_middle - t_error, t_middle + t_error};
+  return EdgeVerdict::Inside;
+}
+
+GPURT_FUNCTIONS_END
+}  // namespace gpurt

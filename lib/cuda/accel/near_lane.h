@@ -1,0 +1,216 @@
+// What a thread of the bvh's fast kernels does: a step over a node, a leaf's triangles, the end of a ray.
+//
+// Measuring a hit in double takes more registers and instructions than all the rest of a step, so another kernel does it
+// after traversal. Till then a ray keeps the triangles that it may hit, nearly always one, with an interval for the nearest
+// t. Rays that are not near the tree, or may hit too many triangles, are listed, and a third kernel traces them the
+// general way.
+#pragma once
+
+#include "core/accel/near_ray.h"
+#include "core/accel/trace.h"
+#include "cuda/accel/near.h"
+#include "cuda/accel/ray_io.h"
+
+namespace gpurt::cuda {
+
+#if defined(__CUDACC__)
+
+// Whether a kernel is the one for rays of this order.
+__device__ __forceinline__ bool is_for(const NearBatch &batch, Coherence order)
+{
+  return batch.probed == nullptr || *batch.probed == uint32_t(order);
+}
+
+// Triangles of which one, or none, is the hit.
+struct Pending {
+  uint32_t reference;  // the first of them
+  uint32_t others[max_candidates - 1];
+  uint32_t count;     // over max_candidates: the ray has to be listed
+  uint32_t triangle;  // that came last: met again in another leaf, it is known
+  float lower;        // of all their t
+};
+
+__device__ __forceinline__ uint32_t pop(const uint32_t *stack, int &top) { return stack[--top]; }
+
+// A node: goes to the child that the ray meets first, or the larger one, and leaves the other for later.
+template <bool Ordered>
+__device__ __forceinline__ void step(const BvhNode *nodes, const NearRay &ray, float end, uint32_t &current,
+                                     uint32_t *stack, int &top)
+{
+  const BvhNode node = load_node(nodes, current);
+  float enter0, leave0, enter1, leave1;
+  clip_near(ray, node.center0, half0(node.half[0]), half0(node.half[1]), half0(node.half[2]), end, enter0,
+            leave0);
+  clip_near(ray, node.center1, half1(node.half[0]), half1(node.half[1]), half1(node.half[2]), end, enter1,
+            leave1);
+  // Not a number, from a half extent that overflowed: visited.
+  const bool meets0 = !(enter0 > leave0), meets1 = !(enter1 > leave1);
+  const bool second_first = !meets0 || (Ordered && meets1 && enter1 < enter0);
+  current = second_first ? node.child1 : node.child0;
+  if (meets0 && meets1) stack[top++] = second_first ? node.child0 : node.child1;
+  if (!meets0 && !meets1) current = pop(stack, top);
+}
+
+__device__ __forceinline__ LeafTriangle load_triangle(const LeafTriangle *triangles, uint32_t reference)
+{
+  const float4 *p = reinterpret_cast<const float4 *>(triangles + reference);
+  const float4 a = __ldg(p), b = __ldg(p + 1), c = __ldg(p + 2);
+  return {{a.x, a.y, a.z},      __float_as_uint(a.w), {b.x, b.y, b.z},
+          __float_as_uint(b.w), {c.x, c.y, c.z},      __float_as_uint(c.w)};
+}
+
+// Leaves a ray to the general kernel.
+__device__ __forceinline__ void list_ray(const NearBatch &batch, uint32_t i)
+{
+  const uint32_t k = atomicAdd(batch.num_listed, 1u);
+  if (k < batch.list_capacity) batch.listed[k] = i;
+}
+
+__device__ __forceinline__ void keep(Pending &pending, uint32_t reference)
+{
+  if (pending.count == 0) pending.reference = reference;
+  else if (pending.count < max_candidates) pending.others[pending.count - 1] = reference;
+  ++pending.count;
+}
+
+// Tests the triangles of a leaf for the closest hit, and lowers `end` where one is nearer.
+__device__ __forceinline__ void closest_in_leaf(const LeafTriangle *triangles, const NearRay &ray, float tmin,
+                                                uint32_t leaf, float &end, Pending &pending)
+{
+  const uint32_t first = leaf_first(leaf), past = first + leaf_size(leaf);
+  for (uint32_t k = first; k < past; ++k) {
+    const LeafTriangle x = load_triangle(triangles, k);
+    HitInterval t;
+    const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
+    if (verdict == EdgeVerdict::Outside || x.triangle == pending.triangle) continue;
+    if (verdict == EdgeVerdict::Unclear) {
+      pending.count = max_candidates + 1;
+      continue;
+    }
+    if (t.lower + ray.end_offset > end || t.upper < tmin) continue;
+    const bool is_beyond_tmin = t.lower >= tmin;
+    if (is_beyond_tmin) {
+      if (t.upper < pending.lower && pending.count <= max_candidates) pending.count = 0;
+      pending.lower = at_most(pending.lower, t.lower);
+      end = at_most(end, t.upper + ray.end_offset);
+    } else {
+      pending.lower = -infinity;  // may be no hit: what is kept stays
+    }
+    keep(pending, k);
+    pending.triangle = x.triangle;
+  }
+}
+
+// True where a triangle of the leaf is hit for certain; keeps those that may be.
+__device__ __forceinline__ bool any_in_leaf(const LeafTriangle *triangles, const NearRay &ray, float tmin,
+                                            float tmax, uint32_t leaf, Pending &pending)
+{
+  const uint32_t first = leaf_first(leaf), past = first + leaf_size(leaf);
+  for (uint32_t k = first; k < past; ++k) {
+    const LeafTriangle x = load_triangle(triangles, k);
+    HitInterval t;
+    const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
+    if (verdict == EdgeVerdict::Outside) continue;
+    if (verdict == EdgeVerdict::Inside) {
+      if (t.lower > tmax || t.upper < tmin) continue;
+      if (t.lower >= tmin && t.upper <= tmax) return true;
+      keep(pending, k);
+    } else {
+      pending.count = max_candidates + 1;
+    }
+  }
+  return false;
+}
+
+// Rays of which more than one triangle has to be measured, or that have to be listed.
+__device__ __forceinline__ void hand_over_group(const NearBatch &batch, uint32_t i, const Pending &pending)
+{
+  const uint32_t k = pending.count <= max_candidates ? atomicAdd(batch.num_groups, 1u) : batch.group_capacity;
+  if (k >= batch.group_capacity) {
+    list_ray(batch, i);
+    return;
+  }
+  CandidateGroup &group = batch.groups[k];
+  group.ray = i;
+  group.references[0] = pending.reference;
+  for (uint32_t c = 1; c < max_candidates; ++c)
+    group.references[c] = c < pending.count ? pending.others[c - 1] : no_candidate;
+}
+
+// Measures a triangle that the edge functions have told to be hit. False where t is out of the ray's interval; where the
+// triangle is seen edge-on, which single precision may miss, `is_clear` becomes false.
+__device__ __forceinline__ bool measure(const LeafTriangle &x, const Ray &ray, TriangleHit &hit,
+                                        bool &is_clear)
+{
+  return measure_hit(
+      ray.origin, ray.direction, main_axis_of(ray.direction), x.a, x.b, x.c,
+      [&] {
+        is_clear = false;
+        return EdgeWeights{1.0, 1.0, 1.0};
+      },
+      ray.tmin, ray.tmax, hit);
+}
+
+__device__ __forceinline__ void store_closest(const TraceScene &s, const NearBatch &batch, uint32_t i,
+                                              const Hit &hit, uint32_t primitive)
+{
+  if (batch.layout == HitLayout::Compact) {
+    store_hit(static_cast<CompactHit *>(batch.results), i, CompactHit{hit.t, hit.u, hit.v, primitive},
+              batch.aligned_results);
+  } else if (batch.layout == HitLayout::Internal) {
+    static_cast<Hit *>(batch.results)[i] = hit;
+  } else {
+    store_hit(static_cast<FullHit *>(batch.results), i, full_hit(s.scene, hit), batch.aligned_results);
+  }
+}
+
+// Hands over what a ray has found to the kernel that measures.
+__device__ __forceinline__ void hand_over(const NearBatch &batch, uint32_t i, const Pending &pending)
+{
+  if (pending.count == 1) {
+    batch.candidates[i] = pending.reference;
+  } else if (pending.count == 0) {
+    batch.candidates[i] = no_candidate;
+  } else {
+    batch.candidates[i] = listed_candidate;
+    hand_over_group(batch, i, pending);
+  }
+}
+
+// Measures and writes the hit of a ray with one candidate or none; others are handed over.
+__device__ __forceinline__ void finish_closest(const TraceScene &s, const NearBatch &batch, uint32_t i,
+                                               const Pending &pending)
+{
+  if (pending.count > 1) {
+    hand_over_group(batch, i, pending);
+    return;
+  }
+  const Ray ray = load_ray(batch.rays, i, batch.aligned_rays);  // again, rather than kept in registers
+  Hit best = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
+  uint32_t primitive = invalid_id;
+  if (pending.count != 0) {
+    const LeafTriangle x = load_triangle(s.world.triangles, pending.reference);
+    TriangleHit hit;
+    bool is_clear = true;
+    if (measure(x, ray, hit, is_clear)) {
+      best = {hit.t, hit.u, hit.v, x.triangle, invalid_id};
+      primitive = x.primitive;
+    }
+    if (!is_clear) {
+      list_ray(batch, i);
+      return;
+    }
+  }
+  store_closest(s, batch, i, best, primitive);
+}
+
+__device__ __forceinline__ void finish_any(const NearBatch &batch, uint32_t i, bool found,
+                                           const Pending &pending)
+{
+  if (found || pending.count == 0) static_cast<uint8_t *>(batch.results)[i] = found ? 1 : 0;
+  else hand_over_group(batch, i, pending);
+}
+
+#endif
+
+}  // namespace gpurt::cuda
