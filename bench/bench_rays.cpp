@@ -169,6 +169,10 @@ int main(int argc, char **argv)
     else if (name == "--only" && has_value) options.only = argv[++i];
     else positional.push_back(name);
   }
+  if (argc == 1) {
+    std::fprintf(stderr, "no rays given: nothing to measure\n");
+    return 0;
+  }
   if (positional.size() != 2) {
     std::fprintf(stderr,
                  "usage: bench_rays SCENE.tris PREFIX [--accel bvh,kdtree] [--repeats N] [--width PIXELS] "

@@ -143,8 +143,7 @@ GPURT_INLINE EdgeVerdict test_near(const NearRay &r, Vec3f a, Vec3f b, Vec3f c, 
   // more. So z, the mean of the corners' weighed by the edge functions, is off by s H with s = 48 eps (C + Z) C / |D|, or
   // by s / (1 - s) H where that moves D itself: by less than 4/3 s H for s below 3/16. It is never off by more than H,
   // since it and what intersect() gives both lie within the corners'. Roundings of z, of the mean and of t and the turn
-  // are less than 16 eps (C + Z). What intersect() itself is off by, in double, is 2^-29 of that, or again less than H:
-  // where its weights are within the triangle it interpolates, elsewhere it clamps.
+  // are less than 16 eps (C + Z). What intersect() itself is off by, in double, is 2^-29 of that, or again less than H.
   const float z_low = at_most(za, at_most(zb, zc)), z_high = at_least(za, at_least(zb, zc));
   const float C =
       at_least(at_least(larger_size(sa.x, sa.y), larger_size(sb.x, sb.y)), larger_size(sc.x, sc.y));

@@ -170,32 +170,28 @@ GPURT_HD inline bool measure_hit(Vec3f origin, Vec3f direction, int main_axis, V
   const double px = dy * e2z - dz * e2y, py = dz * e2x - dx * e2z, pz = dx * e2y - dy * e2x;
   const double qx = sy * e1z - sz * e1y, qy = sz * e1x - sx * e1z, qz = sx * e1y - sy * e1x;
   const double det = e1x * px + e1y * py + e1z * pz;
-  double t = 0.0, u = 0.0, v = 0.0;
-  const bool is_edge_on = det == 0.0;
-  if (!is_edge_on) {
+  const double o = at(origin, main_axis), d = at(direction, main_axis);
+  const double za = double(at(a, main_axis)) - o, zb = double(at(b, main_axis)) - o,
+               zc = double(at(c, main_axis)) - o;
+  double t, u, v;
+  if (det != 0.0) {
     const double inv = 1.0 / det;
     t = (e2x * qx + e2y * qy + e2z * qz) * inv;
     u = (sx * px + sy * py + sz * pz) * inv;
     v = (dx * qx + dy * qy + dz * qz) * inv;
+  } else {
+    const EdgeWeights e = edge_weights();
+    const double inv = 1.0 / (e.u + e.v + e.w);
+    u = e.v * inv;
+    v = e.w * inv;
+    t = (e.u * za + e.v * zb + e.w * zc) * inv / d;
   }
-  // Within the triangle t needs no clamping.
-  if (is_edge_on || !(u >= 0x1p-40 && v >= 0x1p-40 && u + v <= 1.0 - 0x1p-40)) {
-    const double o = at(origin, main_axis), d = at(direction, main_axis);
-    const double za = double(at(a, main_axis)) - o, zb = double(at(b, main_axis)) - o,
-                 zc = double(at(c, main_axis)) - o;
-    if (is_edge_on) {
-      const EdgeWeights e = edge_weights();
-      const double inv = 1.0 / (e.u + e.v + e.w);
-      u = e.v * inv;
-      v = e.w * inv;
-      t = (e.u * za + e.v * zb + e.w * zc) * inv / d;
-    }
-    const double low = za < zb ? (za < zc ? za : zc) : (zb < zc ? zb : zc);
-    const double high = za > zb ? (za > zc ? za : zc) : (zb > zc ? zb : zc);
-    const double z = t * d;
-    if (!(z >= low)) t = low / d;
-    if (z > high) t = high / d;
-  }
+  // Also where the weights tell a point within the triangle: of a needle t is off by more than they are.
+  const double low = za < zb ? (za < zc ? za : zc) : (zb < zc ? zb : zc);
+  const double high = za > zb ? (za > zc ? za : zc) : (zb > zc ? zb : zc);
+  const double z = t * d;
+  if (!(z >= low)) t = low / d;
+  if (z > high) t = high / d;
   // -0 becomes +0, so that equal results have equal bits.
   const float t_float = float(t) + 0.0f;
   if (!(t_float >= tmin && t_float <= tmax)) return false;

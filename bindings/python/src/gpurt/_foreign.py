@@ -6,6 +6,7 @@ travels through host memory.
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any, Optional, Tuple, Union
 
 import numpy as np
@@ -46,7 +47,10 @@ def _check_place(device: Device, value: Any, name: str, library: Library) -> Non
 
 def _ready_view(device: Device, value: Any, name: str, stream: Optional[int]) -> View:
     """A view whose elements are ready for work on the stream."""
-    found = view(value, name, stream)
+    library = library_of(value)
+    # Libraries hand out what lies on their current device alone.
+    with library.current_device(value) if library else contextlib.nullcontext():
+        found = view(value, name, stream)
     if not found.on_host and found.stream != stream and stream is not None and found.stream is not None:
         device._core.order_streams(device._ordinals[0], stream, found.stream)
     return found

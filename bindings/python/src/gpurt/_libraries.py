@@ -5,9 +5,10 @@ Nothing here imports a library: an array that is handed in has brought its own.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import sys
-from typing import Any, Optional, Sequence, Tuple
+from typing import Any, ContextManager, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -29,6 +30,10 @@ class Library:
     def stream(self, like: Any) -> int:
         """The stream on which the caller's work on this array goes."""
         return DEFAULT_STREAM
+
+    def current_device(self, like: Any) -> ContextManager[Any]:
+        """Makes the device of an array the library's current one."""
+        return contextlib.nullcontext()
 
     def empty(self, shape: Sequence[int], dtype: str, like: Any, device: _core.Device, needs: Any) -> Any:
         """An array for results, where `like` lies. `needs` is what work that writes it reads."""
@@ -64,6 +69,9 @@ class Torch(Library):
     def stream(self, like: Any) -> int:
         return self.torch.cuda.current_stream(like.device).cuda_stream or DEFAULT_STREAM
 
+    def current_device(self, like: Any) -> ContextManager[Any]:
+        return self.torch.cuda.device(like.device) if like.is_cuda else contextlib.nullcontext()
+
     def empty(self, shape: Sequence[int], dtype: str, like: Any, device: _core.Device, needs: Any) -> Any:
         return self.torch.empty(tuple(shape), dtype=getattr(self.torch, dtype), device=like.device)
 
@@ -91,6 +99,9 @@ class Cupy(Library):
     def stream(self, like: Any) -> int:
         with like.device:
             return self.cupy.cuda.get_current_stream().ptr or DEFAULT_STREAM
+
+    def current_device(self, like: Any) -> ContextManager[Any]:
+        return like.device
 
     def empty(self, shape: Sequence[int], dtype: str, like: Any, device: _core.Device, needs: Any) -> Any:
         with like.device:
