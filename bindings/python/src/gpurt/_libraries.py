@@ -101,7 +101,8 @@ class Cupy(Library):
             return self.cupy.cuda.get_current_stream().ptr or DEFAULT_STREAM
 
     def current_device(self, like: Any) -> ContextManager[Any]:
-        return like.device
+        device: ContextManager[Any] = like.device
+        return device
 
     def empty(self, shape: Sequence[int], dtype: str, like: Any, device: _core.Device, needs: Any) -> Any:
         with like.device:
