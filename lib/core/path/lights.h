@@ -17,6 +17,7 @@ struct LightSample {
   Vec3f radiance;  // divided by nothing: radiance of lamps and the environment, irradiance of deltas at p
   Vec3f wi;        // unit, towards the light
   float pdf;       // solid angle, choice included; for deltas the probability of the choice
+  uint32_t triangle;  // of the lamp that target is on; invalid_id: another kind of light
   bool is_delta;
   bool at_infinity;
 };
@@ -86,6 +87,7 @@ GPURT_HD inline bool sample_light(const SceneView &scene, Vec3f p, Vec3f n, floa
                                   LightSample &s)
 {
   const LightGroups groups = light_groups(scene, p, n);
+  s.triangle = invalid_id;
   if (u0 < groups.tree) {
     float probability;
     const uint32_t index = sample_light_tree(scene, p, n, u0 / groups.tree, probability);
@@ -112,6 +114,7 @@ GPURT_HD inline bool sample_light(const SceneView &scene, Vec3f p, Vec3f n, floa
       if (!(cos_light > 0.0f) || !(twice_area > 0.0f) || !(distance2 > 0.0f)) return false;
       s.pdf = probability * distance2 / (0.5f * twice_area * cos_light);
       s.radiance = light.color;
+      s.triangle = light.triangle;
       // End in front of the lamp by its rounding error and that of a distance measured along the ray, in float, so that
       // the lamp does not shadow itself.
       s.target = offset_origin(q, error + abs(to_light) * error_gamma(8), normal, -s.wi);

@@ -27,7 +27,7 @@ void trace_paths(Executor &exec, const SceneView &scene, const PathSettings &set
   for (uint32_t depth = 1; num_rays != 0; ++depth) {
     exec.trace_closest(wave.rays.rays, wave.hits, num_rays);
     if (depth == 1 && (film.features != nullptr || film.first_hits != nullptr)) {
-      exec.for_each(PathStage::Film, num_pixels, AddFeatures{scene, settings, unit, wave, film, num_paths});
+      exec.for_each(PathStage::Film, num_pixels, AddFeatures{{scene, settings, film}, unit, wave, num_paths});
     }
     exec.for_each(PathStage::Shade, num_rays, ShadePathVertex{scene, settings, wave, depth});
     const uint32_t num_shadows = exec.compact_shadows(wave.shadows, num_rays, wave.shadow_queue);

@@ -4,24 +4,10 @@
 // overflow. Stages are named after the talk's kernels.
 #pragma once
 
-#include "core/path/bsdf.h"
-#include "core/path/camera.h"
 #include "core/path/film_view.h"
-#include "core/path/lights.h"
-#include "core/random/sobol.h"
+#include "core/path/path_vertex.h"
 
 namespace gpurt {
-
-// What a path carries from vertex to vertex.
-struct PathState {
-  Vec3f throughput;
-  float pdf;       // of the last direction; 0: it had no alternative (the camera, mirrors, glass)
-  Vec3f position;  // of the last vertex, for the density of lights seen from it
-  Vec3f normal;
-  Vec3f radiance;
-  SampleKey key;
-  uint32_t covered;
-};
 
 struct RayQueue {
   Ray *rays;
@@ -52,22 +38,7 @@ struct PathWave {
   uint8_t *occluded;         // of shadow_queue
 };
 
-// A ray that leaves a surface starts beyond its own surface, or on it where coordinates are exact, as on the plane y = 0:
-// t = 0 is no hit. A ray to a lamp ends short of t = 1, which is the lamp.
-constexpr float leaving_tmin = 0x1p-149f;
-constexpr float shadow_tmax = 1.0f - 0x1p-24f;
-
 GPURT_FUNCTIONS_BEGIN
-
-// Pairs of sample dimensions: one for the pixel, then these for every step. `choice` picks the light, or what glass
-// does, and decides the roulette.
-enum PathDimension : uint32_t {
-  dim_pixel = 0,
-  dim_choice = 1,
-  dim_light = 2,
-  dim_bsdf = 3,
-  dims_per_step = 3
-};
 
 struct PathSample {
   uint32_t x, y;   // pixel
@@ -108,7 +79,7 @@ struct VertexSlots {
   const PathWave &wave;
   uint32_t i;
 
-  GPURT_HD void shadow(const Ray &ray, Vec3f contribution) const
+  GPURT_HD void shadow(const Ray &ray, Vec3f contribution, uint32_t) const
   {
     wave.shadows.rays[i] = ray;
     wave.shadows.contributions[i] = contribution;
@@ -116,12 +87,11 @@ struct VertexSlots {
   GPURT_HD void next(const Ray &ray) const { wave.next_rays.rays[i] = ray; }
 };
 
-// The talk's material and light kernel: radiance that is found here, the shadow ray, the next ray.
 struct ShadePathVertex {
   SceneView scene;
   PathSettings settings;
   PathWave wave;
-  uint32_t depth;  // of the ray that was traced: 1 is the eye ray
+  uint32_t depth;  // of the rays that were traced
 
   GPURT_HD void operator()(uint32_t i) const
   {
@@ -130,154 +100,49 @@ struct ShadePathVertex {
     wave.shadows.rays[i].tmax = -1.0f;
     wave.next_rays.paths[i] = path_index;
     wave.shadows.paths[i] = path_index;
-    shade<true>(i, path_index, VertexSlots{wave, i});
+    wave.paths[path_index] = shade(i, path_index, VertexSlots{wave, i});
   }
 
-  // Hands the rays that hit i makes to sink.shadow(ray, contribution) and sink.next(ray), each at most once. The path is
-  // written back if `Stores`; else all that is kept is what the sink keeps.
-  template <bool Stores, class Sink>
-  GPURT_HD void shade(uint32_t i, uint32_t path_index, const Sink &sink) const
+  // Hands the rays that hit i makes to the sink and returns what becomes of the path.
+  template <class Sink>
+  GPURT_HD PathState shade(uint32_t i, uint32_t path_index, const Sink &sink) const
   {
     PathState path = wave.paths[path_index];
-    const Ray ray = wave.rays.rays[i];
-    const Hit hit = wave.hits[i];
-    if (hit.triangle == invalid_id) {
-      if (Stores && scene.environment.is_present) {
-        const Vec3f w = depth == 1 ? ray.direction : normalize(ray.direction);
-        float weight = 1.0f;
-        if (path.pdf > 0.0f) {
-          weight = power_heuristic(path.pdf, environment_light_pdf(scene, path.position, path.normal, w));
-        }
-        wave.paths[path_index].radiance =
-            path.radiance + path.throughput * environment_radiance(scene, w) * weight;
-      }
-      return;
-    }
-
-    const SurfaceHit surface = surface_at(scene, hit);
-    const Material &material = scene.materials[surface.material];
-    const Vec3f wo_world = -normalize(ray.direction);
-    const bool front = dot(surface.geometric_normal, wo_world) > 0.0f;
-
-    // Lamps that the ray met, weighed against having drawn them at the last vertex.
-    if (Stores && surface.light != invalid_id && (front || material.two_sided_emission)) {
-      float weight = 1.0f;
-      if (path.pdf > 0.0f) {
-        weight = power_heuristic(
-            path.pdf, lamp_pdf(scene, path.position, path.normal, surface.light, surface.position, wo_world));
-      }
-      path.radiance += path.throughput * material.emission * weight;
-    }
-
-    // The shading frame. Everything but glass is the same from both sides.
-    Vec3f normal = surface.shading_normal;
-    const bool behind = dot(normal, wo_world) < 0.0f;
-    if (behind) normal = -normal;
-    Bsdf bsdf{material.type, base_color(scene, material, surface.uv), material.alpha_ggx, material.ior};
-    if (material.type == MaterialType::Glass && behind) bsdf.eta = 1.0f / material.ior;
-    if (depth == 1) path.covered = 1;
-
-    if (depth < settings.max_depth) {
-      Vec3f s, t;
-      make_frame(normal, s, t);
-      const Vec3f wo{dot(wo_world, s), dot(wo_world, t), dot(wo_world, normal)};
-      const uint32_t pair = (depth - 1) * dims_per_step;
-      const Vec2f choice = sample_2d(path.key, pair + dim_choice);
-      if (!is_delta(bsdf)) {
-        direct_light(sink, surface, bsdf, normal, s, t, wo, choice.x, sample_2d(path.key, pair + dim_light),
-                     path);
-      }
-      continue_path(sink, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf),
-                    path);
-    }
-    if (Stores) wave.paths[path_index] = path;
-  }
-
- private:
-  template <class Sink>
-  GPURT_HD void direct_light(const Sink &sink, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal,
-                             Vec3f s, Vec3f t, Vec3f wo, float u0, Vec2f u1, const PathState &path) const
-  {
-    LightSample light;
-    if (!sample_light(scene, surface.position, normal, u0, u1, light)) return;
-    const Vec3f wi{dot(light.wi, s), dot(light.wi, t), dot(light.wi, normal)};
-    float bsdf_pdf;
-    const Vec3f f = eval_bsdf(bsdf, wo, wi, bsdf_pdf);
-    if (!(max_component(f) > 0.0f)) return;
-    const float weight = light.is_delta ? 1.0f : power_heuristic(light.pdf, bsdf_pdf);
-    Ray ray;
-    ray.origin = offset_origin(surface.position, surface.position_error, surface.geometric_normal, light.wi);
-    ray.tmin = leaving_tmin;
-    ray.direction = light.at_infinity ? light.target : light.target - ray.origin;
-    ray.tmax = light.at_infinity ? infinity : shadow_tmax;
-    sink.shadow(ray, path.throughput * f * light.radiance * (weight / light.pdf));
-  }
-
-  template <class Sink>
-  GPURT_HD void continue_path(const Sink &sink, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal,
-                              Vec3f s, Vec3f t, Vec3f wo, Vec2f choice, Vec2f u, PathState &path) const
-  {
-    BsdfSample next;
-    if (!sample_bsdf(bsdf, wo, choice.x, u, next)) return;
-    path.throughput *= next.weight;
-    const float largest = max_component(path.throughput);
-    if (!(largest > 0.0f)) return;
-    // Russian roulette: a path goes on with twice the probability of its throughput, so that survivors carry at least a
-    // half. The factor is where time x error is least, of 0.7 to 10, on Cornell boxes, a classroom and Veach's plates.
-    // The square that glass puts on radiance inside is left out: it is given back on the way out.
-    if (depth >= 2 && !is_delta(bsdf)) {
-      const float survival = min(2.0f * largest, 1.0f);
-      if (choice.y >= survival) return;
-      path.throughput *= 1.0f / survival;
-    }
-    const Vec3f wi = s * next.wi.x + t * next.wi.y + normal * next.wi.z;
-    path.pdf = next.pdf;
-    path.position = surface.position;
-    path.normal = normal;
-    sink.next({offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi),
-               leaving_tmin, wi, infinity});
+    PathVertex{scene, settings, depth}.shade(wave.rays.rays[i], wave.hits[i], path, sink);
+    return path;
   }
 };
 
-// Adds what the eye rays met to the film's optional arrays: one call a pixel, right after the first trace, while ray k
-// still belongs to path k.
-struct AddFeatures {
+// What an eye ray met, for the film's optional arrays. `add(sum, term)` adds to a sum of the pixel's.
+struct EyeFeatures {
   SceneView scene;
   PathSettings settings;
-  PathUnit unit;
-  PathWave wave;
   FilmView film;
-  uint32_t num_paths;
 
-  GPURT_HD void operator()(uint32_t i) const
+  template <class Add>
+  GPURT_HD void operator()(uint64_t sample, uint32_t pixel, const Ray &ray, const Hit &hit, Add &&add) const
   {
-    const uint32_t num_pixels = film.width * film.height;
-    for (uint32_t k = i; k < num_paths; k += num_pixels) {
-      const PathSample sample = path_sample(unit, k);
-      const Hit hit = wave.hits[k];
-      const Ray ray = wave.rays.rays[k];
-      const bool is_first = film.first_hits != nullptr && sample.sample == 0;
-      if (is_first)
-        film.first_hits[sample.local] = {infinity, vec3(0.0f), invalid_id, invalid_id, invalid_id, 1};
-      if (hit.triangle == invalid_id) continue;
-      const SurfaceHit surface = surface_at(scene, hit);
-      if (film.features != nullptr) add_features(film.features[sample.local], surface, ray);
-      if (is_first) set_first_hit(film.first_hits[sample.local], surface, hit, ray);
-    }
+    const bool is_first = film.first_hits != nullptr && sample == 0;
+    if (is_first) film.first_hits[pixel] = {infinity, vec3(0.0f), invalid_id, invalid_id, invalid_id, 1};
+    if (hit.triangle == invalid_id) return;
+    const SurfaceHit surface = surface_at(scene, hit);
+    if (film.features != nullptr) add_features(film.features[pixel], surface, ray, add);
+    if (is_first) set_first_hit(film.first_hits[pixel], surface, hit, ray);
   }
 
  private:
-  GPURT_HD void add_features(PixelFeatures &f, const SurfaceHit &surface, const Ray &ray) const
+  template <class Add>
+  GPURT_HD void add_features(PixelFeatures &f, const SurfaceHit &surface, const Ray &ray, Add &&add) const
   {
     const Vec3f n =
         dot(surface.shading_normal, ray.direction) > 0.0f ? -surface.shading_normal : surface.shading_normal;
     const Vec3f albedo = base_color(scene, scene.materials[surface.material], surface.uv);
-    f.normal[0] += feature_from(n.x);
-    f.normal[1] += feature_from(n.y);
-    f.normal[2] += feature_from(n.z);
-    f.albedo[0] += feature_from(albedo.x);
-    f.albedo[1] += feature_from(albedo.y);
-    f.albedo[2] += feature_from(albedo.z);
+    add(f.normal[0], feature_from(n.x));
+    add(f.normal[1], feature_from(n.y));
+    add(f.normal[2], feature_from(n.z));
+    add(f.albedo[0], feature_from(albedo.x));
+    add(f.albedo[1], feature_from(albedo.y));
+    add(f.albedo[2], feature_from(albedo.z));
   }
 
   GPURT_HD void set_first_hit(PixelFirstHit &first, const SurfaceHit &surface, const Hit &hit,
@@ -292,6 +157,24 @@ struct AddFeatures {
     first.geometry = segment.geometry;
     first.instance =
         hit.placement == invalid_id ? segment.instance : scene.placements[hit.placement].instance;
+  }
+};
+
+// Adds what the eye rays met: one call a pixel, right after the first trace, while ray k still belongs to path k.
+struct AddFeatures {
+  EyeFeatures features;
+  PathUnit unit;
+  PathWave wave;
+  uint32_t num_paths;
+
+  GPURT_HD void operator()(uint32_t i) const
+  {
+    const uint32_t num_pixels = features.film.width * features.film.height;
+    for (uint32_t k = i; k < num_paths; k += num_pixels) {
+      const PathSample sample = path_sample(unit, k);
+      features(sample.sample, sample.local, wave.rays.rays[k], wave.hits[k],
+               [](int64_t &sum, int64_t term) { sum += term; });
+    }
   }
 };
 

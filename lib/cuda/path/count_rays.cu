@@ -8,7 +8,7 @@ namespace {
 // Notes what a vertex makes.
 struct CountingSink {
   uint32_t *num_shadows, *num_next;
-  __device__ void shadow(const Ray &, Vec3f) const { *num_shadows = 1; }
+  __device__ void shadow(const Ray &, Vec3f, uint32_t) const { *num_shadows = 1; }
   __device__ void next(const Ray &) const { *num_next = 1; }
 };
 
@@ -18,7 +18,7 @@ struct PlacingSink {
   uint32_t path_index;
   const uint32_t *shadow_place, *next_place;
 
-  __device__ void shadow(const Ray &ray, Vec3f contribution) const
+  __device__ void shadow(const Ray &ray, Vec3f contribution, uint32_t) const
   {
     const uint32_t k = *shadow_place;
     wave.shadow_queue.rays[k] = ray;
@@ -41,7 +41,7 @@ __global__ void __launch_bounds__(block_size)
   if (k >= end - begin) return;
   const uint32_t i = begin + uint32_t(k);
   uint32_t num_shadows = 0, num_next = 0;
-  stage.shade<false>(i, stage.wave.rays.paths[i], CountingSink{&num_shadows, &num_next});
+  stage.shade(i, stage.wave.rays.paths[i], CountingSink{&num_shadows, &num_next});
   shadow_flags[k] = num_shadows;
   next_flags[k] = num_next;
 }
@@ -53,7 +53,8 @@ __global__ void __launch_bounds__(block_size)
   const uint64_t k = thread_item();
   if (k >= end - begin) return;
   const uint32_t i = begin + uint32_t(k), path_index = stage.wave.rays.paths[i];
-  stage.shade<true>(i, path_index, PlacingSink{stage.wave, path_index, shadow_places + k, next_places + k});
+  stage.wave.paths[path_index] =
+      stage.shade(i, path_index, PlacingSink{stage.wave, path_index, shadow_places + k, next_places + k});
 }
 
 }  // namespace

@@ -196,7 +196,7 @@ void add_features(StreamExecutor &exec, const SceneView &scene, const PathSettin
 {
   if (film.features == nullptr && film.first_hits == nullptr) return;
   exec.for_each(PathStage::Film, min(film.width * film.height, num_paths),
-                AddFeatures{scene, settings, unit, wave, film, num_paths});
+                AddFeatures{{scene, settings, film}, unit, wave, num_paths});
 }
 
 // Paths whose rays are counted before they are made. Hits begin .. end - 1 that would make more rays than the budget
