@@ -852,6 +852,65 @@ typedef enum gpurt_pipeline {
   GPURT_PIPELINE_FORCE32 = 0x7fffffff
 } gpurt_pipeline;
 
+/* How photons become radiance. Memoryless passes alone are independent of each other: only they can be merged and shared. */
+typedef enum gpurt_photon_estimator {
+  GPURT_PHOTON_ESTIMATOR_AUTO = 0, /* memoryless */
+  GPURT_PHOTON_ESTIMATOR_MEMORYLESS =
+      1, /* a radius that depends on the pass alone (Knaus and Zwicker 2011) */
+  GPURT_PHOTON_ESTIMATOR_PER_PIXEL =
+      2, /* statistics a pixel (Hachisuka and Jensen 2009); this version: UNSUPPORTED */
+  GPURT_PHOTON_ESTIMATOR_ADAPTIVE =
+      3, /* adaptive bandwidth (Kaplanyan and Dachsbacher 2013); this version: UNSUPPORTED */
+  GPURT_PHOTON_ESTIMATOR_FORCE32 = 0x7fffffff
+} gpurt_photon_estimator;
+
+typedef enum gpurt_photon_kernel {
+  GPURT_PHOTON_KERNEL_AUTO = 0,     /* constant */
+  GPURT_PHOTON_KERNEL_CONSTANT = 1, /* every photon within the radius counts alike */
+  GPURT_PHOTON_KERNEL_CONE = 2,     /* falls linearly to 0 at the radius: sharper, noisier */
+  GPURT_PHOTON_KERNEL_FORCE32 = 0x7fffffff
+} gpurt_photon_kernel;
+
+/* What is done about photons of other surfaces, and about surfaces that end, within the radius. */
+typedef enum gpurt_photon_remedy {
+  GPURT_PHOTON_REMEDY_NORMAL = 1, /* leave out photons on surfaces that are turned away: corners */
+  GPURT_PHOTON_REMEDY_PLANE = 2, /* leave out photons off the plane of the visible point: steps, thin walls */
+  GPURT_PHOTON_REMEDY_SIDE = 4,  /* leave out photons that came to the other side: leaks */
+  GPURT_PHOTON_REMEDY_BOUNDARY =
+      8, /* divide by the part of the disc that lies on a surface: dark rims. Costs rays */
+  GPURT_PHOTON_REMEDY_NONE = 16, /* alone: none of them */
+  GPURT_PHOTON_REMEDY_FORCE32 = 0x7fffffff
+} gpurt_photon_remedy;
+
+/* Settings of GPURT_PIPELINE_PHOTON; other pipelines want them zero. Where a frame has samples, zero means what they were
+   made with: settings cannot differ within a frame. */
+typedef struct gpurt_photon_settings {
+  uint32_t
+      photons_per_pass; /* emitted for each sample of the pixels; 0: about one for each pixel of the frame */
+  float initial_radius; /* of pass 0, in metres; 0: from the scene, by a pilot */
+  gpurt_photon_estimator estimator;
+  gpurt_photon_kernel kernel;
+  uint32_t remedies; /* bits of gpurt_photon_remedy; 0: all */
+  uint32_t reserved; /* 0 */
+} gpurt_photon_settings;
+#define GPURT_PHOTON_SETTINGS_INIT {0, 0, GPURT_PHOTON_ESTIMATOR_AUTO, GPURT_PHOTON_KERNEL_AUTO, 0, 0}
+
+/* What photon mapping did; totals over all jobs of a frame. */
+typedef struct gpurt_photon_counters {
+  uint64_t num_emitted;    /* photon paths */
+  uint64_t num_rays;       /* of photons */
+  uint64_t num_stored;     /* photons on surfaces that receive them */
+  uint64_t num_gathered;   /* photons that counted at visible points */
+  uint64_t num_visible;    /* visible points */
+  uint64_t num_sub_passes; /* photon maps that were built: more than passes where memory held no whole pass */
+  double trace_seconds;    /* per stage, summed over threads */
+  double build_seconds;
+  double gather_seconds;
+  double smallest_radius; /* of the last pass so far */
+  uint64_t reserved[4];
+} gpurt_photon_counters;
+#define GPURT_PHOTON_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0, 0}}
+
 /** Called now and then from one thread at a time while a job runs; done and total are in samples. Must not call gpurt. */
 typedef void (*gpurt_progress_fn)(void *user, double done, double total);
 
@@ -867,9 +926,11 @@ typedef struct gpurt_render_desc {
   gpurt_progress_fn progress; /* NULL: none */
   void *progress_user;
   gpurt_schedule schedule;
+  gpurt_photon_settings photon;
 } gpurt_render_desc;
 #define GPURT_RENDER_DESC_INIT \
-  {sizeof(gpurt_render_desc), GPURT_PIPELINE_AUTO, 0, 0, 0, 0, 0, NULL, NULL, GPURT_SCHEDULE_INIT}
+  {sizeof(gpurt_render_desc), GPURT_PIPELINE_AUTO,       0, 0, 0, 0, 0, NULL, NULL, \
+   GPURT_SCHEDULE_INIT,       GPURT_PHOTON_SETTINGS_INIT}
 
 /** Starts rendering of tiles; returns at once.
  *
@@ -943,11 +1004,25 @@ typedef struct gpurt_state_info {
   gpurt_pipeline pipeline; /* AUTO: no samples yet */
   gpurt_accel accel;
   gpurt_triangle_test triangle_test;
-  uint32_t max_depth; /* 0: no samples yet */
+  uint32_t max_depth;           /* 0: no samples yet */
+  gpurt_photon_settings photon; /* zero for other pipelines */
 } gpurt_state_info;
 #define GPURT_STATE_INFO_INIT \
-  {sizeof(gpurt_state_info),  0, 0, 0, 0, 0, 0, 0, 0, 0, GPURT_PIPELINE_AUTO, GPURT_ACCEL_AUTO, \
-   GPURT_TRIANGLE_WATERTIGHT, 0}
+  {sizeof(gpurt_state_info), \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   0, \
+   GPURT_PIPELINE_AUTO, \
+   GPURT_ACCEL_AUTO, \
+   GPURT_TRIANGLE_WATERTIGHT, \
+   0, \
+   GPURT_PHOTON_SETTINGS_INIT}
 
 /** Reads what a .gpurt file is the state of: how to create and build a frame that can load it.
  *
@@ -988,7 +1063,9 @@ typedef struct gpurt_statistics {
   char reason[256];        /* why settings were chosen */
   gpurt_schedule schedule; /* of the last job, resolved */
   gpurt_schedule_counters
-      schedule_counters; /* over all jobs of the frame; a saved state does not keep them */
+      schedule_counters;                 /* over all jobs of the frame; a saved state does not keep them */
+  gpurt_photon_settings photon;          /* resolved; zero for other pipelines */
+  gpurt_photon_counters photon_counters; /* over all jobs of the frame */
 } gpurt_statistics;
 #define GPURT_STATISTICS_INIT \
   {sizeof(gpurt_statistics), \
@@ -1020,7 +1097,9 @@ typedef struct gpurt_statistics {
    0, \
    {0}, \
    GPURT_SCHEDULE_INIT, \
-   GPURT_SCHEDULE_COUNTERS_INIT}
+   GPURT_SCHEDULE_COUNTERS_INIT, \
+   GPURT_PHOTON_SETTINGS_INIT, \
+   GPURT_PHOTON_COUNTERS_INIT}
 
 /** Reads the statistics of a frame; while a job runs, of what is done so far. */
 GPURT_API gpurt_result gpurt_frame_get_statistics(gpurt_frame frame, gpurt_statistics *out_statistics);

@@ -276,7 +276,28 @@ FIELD(gpurt_tile, y0, 4);
 FIELD(gpurt_tile, x1, 8);
 FIELD(gpurt_tile, y1, 12);
 
-SIZE(gpurt_render_desc, 88);
+SIZE(gpurt_photon_settings, 24);
+FIELD(gpurt_photon_settings, photons_per_pass, 0);
+FIELD(gpurt_photon_settings, initial_radius, 4);
+FIELD(gpurt_photon_settings, estimator, 8);
+FIELD(gpurt_photon_settings, kernel, 12);
+FIELD(gpurt_photon_settings, remedies, 16);
+FIELD(gpurt_photon_settings, reserved, 20);
+
+SIZE(gpurt_photon_counters, 112);
+FIELD(gpurt_photon_counters, num_emitted, 0);
+FIELD(gpurt_photon_counters, num_rays, 8);
+FIELD(gpurt_photon_counters, num_stored, 16);
+FIELD(gpurt_photon_counters, num_gathered, 24);
+FIELD(gpurt_photon_counters, num_visible, 32);
+FIELD(gpurt_photon_counters, num_sub_passes, 40);
+FIELD(gpurt_photon_counters, trace_seconds, 48);
+FIELD(gpurt_photon_counters, build_seconds, 56);
+FIELD(gpurt_photon_counters, gather_seconds, 64);
+FIELD(gpurt_photon_counters, smallest_radius, 72);
+FIELD(gpurt_photon_counters, reserved, 80);
+
+SIZE(gpurt_render_desc, 112);
 FIELD(gpurt_render_desc, struct_size, 0);
 FIELD(gpurt_render_desc, pipeline, 4);
 FIELD(gpurt_render_desc, samples_per_pixel, 8);
@@ -287,8 +308,9 @@ FIELD(gpurt_render_desc, tile_size, 28);
 FIELD(gpurt_render_desc, progress, 32);
 FIELD(gpurt_render_desc, progress_user, 40);
 FIELD(gpurt_render_desc, schedule, 48);
+FIELD(gpurt_render_desc, photon, 88);
 
-SIZE(gpurt_statistics, 608);
+SIZE(gpurt_statistics, 744);
 FIELD(gpurt_statistics, struct_size, 0);
 FIELD(gpurt_statistics, pipeline, 4);
 FIELD(gpurt_statistics, accel, 8);
@@ -319,8 +341,10 @@ FIELD(gpurt_statistics, memory_peak_bytes, 176);
 FIELD(gpurt_statistics, reason, 184);
 FIELD(gpurt_statistics, schedule, 440);
 FIELD(gpurt_statistics, schedule_counters, 480);
+FIELD(gpurt_statistics, photon, 608);
+FIELD(gpurt_statistics, photon_counters, 632);
 
-SIZE(gpurt_state_info, 72);
+SIZE(gpurt_state_info, 96);
 FIELD(gpurt_state_info, struct_size, 0);
 FIELD(gpurt_state_info, width, 4);
 FIELD(gpurt_state_info, height, 8);
@@ -335,6 +359,7 @@ FIELD(gpurt_state_info, pipeline, 56);
 FIELD(gpurt_state_info, accel, 60);
 FIELD(gpurt_state_info, triangle_test, 64);
 FIELD(gpurt_state_info, max_depth, 68);
+FIELD(gpurt_state_info, photon, 72);
 
 VALUE(GPURT_OK, 0);
 VALUE(GPURT_ERROR_INVALID_ARGUMENT, 1);

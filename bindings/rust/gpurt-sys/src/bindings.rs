@@ -688,6 +688,49 @@ pub const GPURT_PIPELINE_REYES: gpurt_pipeline = 3;
 pub const GPURT_PIPELINE_HYBRID: gpurt_pipeline = 4;
 pub const GPURT_PIPELINE_FORCE32: gpurt_pipeline = 2147483647;
 pub type gpurt_pipeline = ::std::os::raw::c_uint;
+pub const GPURT_PHOTON_ESTIMATOR_AUTO: gpurt_photon_estimator = 0;
+pub const GPURT_PHOTON_ESTIMATOR_MEMORYLESS: gpurt_photon_estimator = 1;
+pub const GPURT_PHOTON_ESTIMATOR_PER_PIXEL: gpurt_photon_estimator = 2;
+pub const GPURT_PHOTON_ESTIMATOR_ADAPTIVE: gpurt_photon_estimator = 3;
+pub const GPURT_PHOTON_ESTIMATOR_FORCE32: gpurt_photon_estimator = 2147483647;
+pub type gpurt_photon_estimator = ::std::os::raw::c_uint;
+pub const GPURT_PHOTON_KERNEL_AUTO: gpurt_photon_kernel = 0;
+pub const GPURT_PHOTON_KERNEL_CONSTANT: gpurt_photon_kernel = 1;
+pub const GPURT_PHOTON_KERNEL_CONE: gpurt_photon_kernel = 2;
+pub const GPURT_PHOTON_KERNEL_FORCE32: gpurt_photon_kernel = 2147483647;
+pub type gpurt_photon_kernel = ::std::os::raw::c_uint;
+pub const GPURT_PHOTON_REMEDY_NORMAL: gpurt_photon_remedy = 1;
+pub const GPURT_PHOTON_REMEDY_PLANE: gpurt_photon_remedy = 2;
+pub const GPURT_PHOTON_REMEDY_SIDE: gpurt_photon_remedy = 4;
+pub const GPURT_PHOTON_REMEDY_BOUNDARY: gpurt_photon_remedy = 8;
+pub const GPURT_PHOTON_REMEDY_NONE: gpurt_photon_remedy = 16;
+pub const GPURT_PHOTON_REMEDY_FORCE32: gpurt_photon_remedy = 2147483647;
+pub type gpurt_photon_remedy = ::std::os::raw::c_uint;
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_photon_settings {
+    pub photons_per_pass: u32,
+    pub initial_radius: f32,
+    pub estimator: gpurt_photon_estimator,
+    pub kernel: gpurt_photon_kernel,
+    pub remedies: u32,
+    pub reserved: u32,
+}
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_photon_counters {
+    pub num_emitted: u64,
+    pub num_rays: u64,
+    pub num_stored: u64,
+    pub num_gathered: u64,
+    pub num_visible: u64,
+    pub num_sub_passes: u64,
+    pub trace_seconds: f64,
+    pub build_seconds: f64,
+    pub gather_seconds: f64,
+    pub smallest_radius: f64,
+    pub reserved: [u64; 4usize],
+}
 pub type gpurt_progress_fn = ::std::option::Option<
     unsafe extern "C" fn(user: *mut ::std::os::raw::c_void, done: f64, total: f64),
 >;
@@ -704,6 +747,7 @@ pub struct gpurt_render_desc {
     pub progress: gpurt_progress_fn,
     pub progress_user: *mut ::std::os::raw::c_void,
     pub schedule: gpurt_schedule,
+    pub photon: gpurt_photon_settings,
 }
 extern "C" {
     pub fn gpurt_frame_submit(
@@ -769,6 +813,7 @@ pub struct gpurt_state_info {
     pub accel: gpurt_accel,
     pub triangle_test: gpurt_triangle_test,
     pub max_depth: u32,
+    pub photon: gpurt_photon_settings,
 }
 extern "C" {
     pub fn gpurt_state_read_info(
@@ -809,6 +854,8 @@ pub struct gpurt_statistics {
     pub reason: [::std::os::raw::c_char; 256usize],
     pub schedule: gpurt_schedule,
     pub schedule_counters: gpurt_schedule_counters,
+    pub photon: gpurt_photon_settings,
+    pub photon_counters: gpurt_photon_counters,
 }
 extern "C" {
     pub fn gpurt_frame_get_statistics(
