@@ -911,6 +911,57 @@ typedef struct gpurt_photon_counters {
 } gpurt_photon_counters;
 #define GPURT_PHOTON_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0, 0}}
 
+/* How samples become pixels. */
+typedef enum gpurt_reyes_filter {
+  GPURT_REYES_FILTER_AUTO = 0,     /* box */
+  GPURT_REYES_FILTER_BOX = 1,      /* the mean over the pixel's square */
+  GPURT_REYES_FILTER_GAUSSIAN = 2, /* radius 1.5 pixels */
+  GPURT_REYES_FILTER_MITCHELL = 3, /* Mitchell and Netravali 1988, B = C = 1/3: sharper, may overshoot */
+  GPURT_REYES_FILTER_FORCE32 = 0x7fffffff
+} gpurt_reyes_filter;
+
+/* Where light is computed: after visibility in every case, so that nothing hidden is shaded. Triangles of meshes are shaded
+   at every sample. */
+typedef enum gpurt_reyes_shading {
+  GPURT_REYES_SHADING_AUTO = 0,          /* samples */
+  GPURT_REYES_SHADING_SAMPLES = 1,       /* at every sample */
+  GPURT_REYES_SHADING_MICROPOLYGONS = 2, /* once for each micropolygon that is seen */
+  GPURT_REYES_SHADING_BLOCKS = 3,        /* once for each 2 x 2 of them */
+  GPURT_REYES_SHADING_FORCE32 = 0x7fffffff
+} gpurt_reyes_shading;
+
+/* Settings of GPURT_PIPELINE_REYES; other pipelines want them zero. Where a frame has samples, zero means what they were
+   made with: settings cannot differ within a frame. */
+typedef struct gpurt_reyes_settings {
+  float shading_rate; /* area of a micropolygon in pixels; 0: 0.25. In [2^-8, 2^8] */
+  gpurt_reyes_filter filter;
+  gpurt_reyes_shading shading;
+  uint32_t no_shadows;  /* 1: nothing stands between a surface and a light */
+  uint32_t reserved[2]; /* 0 */
+} gpurt_reyes_settings;
+#define GPURT_REYES_SETTINGS_INIT {0, GPURT_REYES_FILTER_AUTO, GPURT_REYES_SHADING_AUTO, 0, {0, 0}}
+
+/* What REYES did; totals over all jobs of a frame. What several tiles see counts in each. */
+typedef struct gpurt_reyes_counters {
+  uint64_t num_patches;       /* that may be seen */
+  uint64_t num_triangles;     /* of meshes, that may be seen */
+  uint64_t num_splits;        /* pieces of patches that were cut in two */
+  uint64_t num_culled;        /* pieces that cannot be seen */
+  uint64_t num_grids;         /* pieces that were diced */
+  uint64_t num_micropolygons; /* of these */
+  uint64_t num_fragments;     /* times that a sample took a surface, nearer than what it had */
+  uint64_t num_shaded;        /* points where light was computed */
+  uint64_t largest_queue;     /* pieces that waited at a time */
+  uint64_t largest_bucket;    /* primitives that a bucket of the image had to look at */
+  uint64_t working_bytes;     /* memory of the pipeline at a time, beside the scene and the film */
+  double bound_seconds;       /* per stage, summed over threads */
+  double split_seconds;
+  double dice_seconds;
+  double sample_seconds;
+  uint64_t reserved[5];
+} gpurt_reyes_counters;
+#define GPURT_REYES_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0, 0, 0}}
+
 /** Called now and then from one thread at a time while a job runs; done and total are in samples. Must not call gpurt. */
 typedef void (*gpurt_progress_fn)(void *user, double done, double total);
 
@@ -927,10 +978,11 @@ typedef struct gpurt_render_desc {
   void *progress_user;
   gpurt_schedule schedule;
   gpurt_photon_settings photon;
+  gpurt_reyes_settings reyes;
 } gpurt_render_desc;
 #define GPURT_RENDER_DESC_INIT \
-  {sizeof(gpurt_render_desc), GPURT_PIPELINE_AUTO,       0, 0, 0, 0, 0, NULL, NULL, \
-   GPURT_SCHEDULE_INIT,       GPURT_PHOTON_SETTINGS_INIT}
+  {sizeof(gpurt_render_desc),  GPURT_PIPELINE_AUTO,      0, 0, 0, 0, 0, NULL, NULL, GPURT_SCHEDULE_INIT, \
+   GPURT_PHOTON_SETTINGS_INIT, GPURT_REYES_SETTINGS_INIT}
 
 /** Starts rendering of tiles; returns at once.
  *
@@ -1006,6 +1058,7 @@ typedef struct gpurt_state_info {
   gpurt_triangle_test triangle_test;
   uint32_t max_depth;           /* 0: no samples yet */
   gpurt_photon_settings photon; /* zero for other pipelines */
+  gpurt_reyes_settings reyes;   /* zero for other pipelines */
 } gpurt_state_info;
 #define GPURT_STATE_INFO_INIT \
   {sizeof(gpurt_state_info), \
@@ -1022,7 +1075,8 @@ typedef struct gpurt_state_info {
    GPURT_ACCEL_AUTO, \
    GPURT_TRIANGLE_WATERTIGHT, \
    0, \
-   GPURT_PHOTON_SETTINGS_INIT}
+   GPURT_PHOTON_SETTINGS_INIT, \
+   GPURT_REYES_SETTINGS_INIT}
 
 /** Reads what a .gpurt file is the state of: how to create and build a frame that can load it.
  *
@@ -1066,6 +1120,8 @@ typedef struct gpurt_statistics {
       schedule_counters;                 /* over all jobs of the frame; a saved state does not keep them */
   gpurt_photon_settings photon;          /* resolved; zero for other pipelines */
   gpurt_photon_counters photon_counters; /* over all jobs of the frame */
+  gpurt_reyes_settings reyes;            /* resolved; zero for other pipelines */
+  gpurt_reyes_counters reyes_counters;   /* over all jobs of the frame; a saved state does not keep them */
 } gpurt_statistics;
 #define GPURT_STATISTICS_INIT \
   {sizeof(gpurt_statistics), \
@@ -1099,7 +1155,9 @@ typedef struct gpurt_statistics {
    GPURT_SCHEDULE_INIT, \
    GPURT_SCHEDULE_COUNTERS_INIT, \
    GPURT_PHOTON_SETTINGS_INIT, \
-   GPURT_PHOTON_COUNTERS_INIT}
+   GPURT_PHOTON_COUNTERS_INIT, \
+   GPURT_REYES_SETTINGS_INIT, \
+   GPURT_REYES_COUNTERS_INIT}
 
 /** Reads the statistics of a frame; while a job runs, of what is done so far. */
 GPURT_API gpurt_result gpurt_frame_get_statistics(gpurt_frame frame, gpurt_statistics *out_statistics);

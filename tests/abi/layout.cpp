@@ -297,7 +297,32 @@ FIELD(gpurt_photon_counters, gather_seconds, 64);
 FIELD(gpurt_photon_counters, smallest_radius, 72);
 FIELD(gpurt_photon_counters, reserved, 80);
 
-SIZE(gpurt_render_desc, 112);
+SIZE(gpurt_reyes_settings, 24);
+FIELD(gpurt_reyes_settings, shading_rate, 0);
+FIELD(gpurt_reyes_settings, filter, 4);
+FIELD(gpurt_reyes_settings, shading, 8);
+FIELD(gpurt_reyes_settings, no_shadows, 12);
+FIELD(gpurt_reyes_settings, reserved, 16);
+
+SIZE(gpurt_reyes_counters, 160);
+FIELD(gpurt_reyes_counters, num_patches, 0);
+FIELD(gpurt_reyes_counters, num_triangles, 8);
+FIELD(gpurt_reyes_counters, num_splits, 16);
+FIELD(gpurt_reyes_counters, num_culled, 24);
+FIELD(gpurt_reyes_counters, num_grids, 32);
+FIELD(gpurt_reyes_counters, num_micropolygons, 40);
+FIELD(gpurt_reyes_counters, num_fragments, 48);
+FIELD(gpurt_reyes_counters, num_shaded, 56);
+FIELD(gpurt_reyes_counters, largest_queue, 64);
+FIELD(gpurt_reyes_counters, largest_bucket, 72);
+FIELD(gpurt_reyes_counters, working_bytes, 80);
+FIELD(gpurt_reyes_counters, bound_seconds, 88);
+FIELD(gpurt_reyes_counters, split_seconds, 96);
+FIELD(gpurt_reyes_counters, dice_seconds, 104);
+FIELD(gpurt_reyes_counters, sample_seconds, 112);
+FIELD(gpurt_reyes_counters, reserved, 120);
+
+SIZE(gpurt_render_desc, 136);
 FIELD(gpurt_render_desc, struct_size, 0);
 FIELD(gpurt_render_desc, pipeline, 4);
 FIELD(gpurt_render_desc, samples_per_pixel, 8);
@@ -309,8 +334,9 @@ FIELD(gpurt_render_desc, progress, 32);
 FIELD(gpurt_render_desc, progress_user, 40);
 FIELD(gpurt_render_desc, schedule, 48);
 FIELD(gpurt_render_desc, photon, 88);
+FIELD(gpurt_render_desc, reyes, 112);
 
-SIZE(gpurt_statistics, 744);
+SIZE(gpurt_statistics, 928);
 FIELD(gpurt_statistics, struct_size, 0);
 FIELD(gpurt_statistics, pipeline, 4);
 FIELD(gpurt_statistics, accel, 8);
@@ -343,8 +369,10 @@ FIELD(gpurt_statistics, schedule, 440);
 FIELD(gpurt_statistics, schedule_counters, 480);
 FIELD(gpurt_statistics, photon, 608);
 FIELD(gpurt_statistics, photon_counters, 632);
+FIELD(gpurt_statistics, reyes, 744);
+FIELD(gpurt_statistics, reyes_counters, 768);
 
-SIZE(gpurt_state_info, 96);
+SIZE(gpurt_state_info, 120);
 FIELD(gpurt_state_info, struct_size, 0);
 FIELD(gpurt_state_info, width, 4);
 FIELD(gpurt_state_info, height, 8);
@@ -360,6 +388,7 @@ FIELD(gpurt_state_info, accel, 60);
 FIELD(gpurt_state_info, triangle_test, 64);
 FIELD(gpurt_state_info, max_depth, 68);
 FIELD(gpurt_state_info, photon, 72);
+FIELD(gpurt_state_info, reyes, 96);
 
 VALUE(GPURT_OK, 0);
 VALUE(GPURT_ERROR_INVALID_ARGUMENT, 1);

@@ -731,6 +731,47 @@ pub struct gpurt_photon_counters {
     pub smallest_radius: f64,
     pub reserved: [u64; 4usize],
 }
+pub const GPURT_REYES_FILTER_AUTO: gpurt_reyes_filter = 0;
+pub const GPURT_REYES_FILTER_BOX: gpurt_reyes_filter = 1;
+pub const GPURT_REYES_FILTER_GAUSSIAN: gpurt_reyes_filter = 2;
+pub const GPURT_REYES_FILTER_MITCHELL: gpurt_reyes_filter = 3;
+pub const GPURT_REYES_FILTER_FORCE32: gpurt_reyes_filter = 2147483647;
+pub type gpurt_reyes_filter = ::std::os::raw::c_uint;
+pub const GPURT_REYES_SHADING_AUTO: gpurt_reyes_shading = 0;
+pub const GPURT_REYES_SHADING_SAMPLES: gpurt_reyes_shading = 1;
+pub const GPURT_REYES_SHADING_MICROPOLYGONS: gpurt_reyes_shading = 2;
+pub const GPURT_REYES_SHADING_BLOCKS: gpurt_reyes_shading = 3;
+pub const GPURT_REYES_SHADING_FORCE32: gpurt_reyes_shading = 2147483647;
+pub type gpurt_reyes_shading = ::std::os::raw::c_uint;
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_reyes_settings {
+    pub shading_rate: f32,
+    pub filter: gpurt_reyes_filter,
+    pub shading: gpurt_reyes_shading,
+    pub no_shadows: u32,
+    pub reserved: [u32; 2usize],
+}
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_reyes_counters {
+    pub num_patches: u64,
+    pub num_triangles: u64,
+    pub num_splits: u64,
+    pub num_culled: u64,
+    pub num_grids: u64,
+    pub num_micropolygons: u64,
+    pub num_fragments: u64,
+    pub num_shaded: u64,
+    pub largest_queue: u64,
+    pub largest_bucket: u64,
+    pub working_bytes: u64,
+    pub bound_seconds: f64,
+    pub split_seconds: f64,
+    pub dice_seconds: f64,
+    pub sample_seconds: f64,
+    pub reserved: [u64; 5usize],
+}
 pub type gpurt_progress_fn = ::std::option::Option<
     unsafe extern "C" fn(user: *mut ::std::os::raw::c_void, done: f64, total: f64),
 >;
@@ -748,6 +789,7 @@ pub struct gpurt_render_desc {
     pub progress_user: *mut ::std::os::raw::c_void,
     pub schedule: gpurt_schedule,
     pub photon: gpurt_photon_settings,
+    pub reyes: gpurt_reyes_settings,
 }
 extern "C" {
     pub fn gpurt_frame_submit(
@@ -814,6 +856,7 @@ pub struct gpurt_state_info {
     pub triangle_test: gpurt_triangle_test,
     pub max_depth: u32,
     pub photon: gpurt_photon_settings,
+    pub reyes: gpurt_reyes_settings,
 }
 extern "C" {
     pub fn gpurt_state_read_info(
@@ -856,6 +899,8 @@ pub struct gpurt_statistics {
     pub schedule_counters: gpurt_schedule_counters,
     pub photon: gpurt_photon_settings,
     pub photon_counters: gpurt_photon_counters,
+    pub reyes: gpurt_reyes_settings,
+    pub reyes_counters: gpurt_reyes_counters,
 }
 extern "C" {
     pub fn gpurt_frame_get_statistics(

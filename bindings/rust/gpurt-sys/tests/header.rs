@@ -195,14 +195,14 @@ macro_rules! with_descriptors {
                 hit_capacity schedule out_counters coherence image_width }
             gpurt_frame_desc { struct_size width height camera outputs frame_index seed first_sample }
             gpurt_render_desc { struct_size pipeline samples_per_pixel target_error time_limit_s max_depth
-                tile_size progress progress_user schedule photon }
+                tile_size progress progress_user schedule photon reyes }
             gpurt_state_info { struct_size width height camera outputs frame_index seed first_sample
-                num_samples scene_hash pipeline accel triangle_test max_depth photon }
+                num_samples scene_hash pipeline accel triangle_test max_depth photon reyes }
             gpurt_statistics { struct_size pipeline accel triangle_test max_depth tile_size num_threads width
                 height seed samples_per_pixel num_samples num_camera_rays num_bounce_rays num_shadow_rays
                 num_nonfinite num_saturated render_seconds generate_seconds trace_seconds shade_seconds
                 shadow_seconds film_seconds build_seconds estimated_error largest_sample memory_peak_bytes
-                reason schedule schedule_counters photon photon_counters }
+                reason schedule schedule_counters photon photon_counters reyes reyes_counters }
         }
     };
 }
@@ -223,6 +223,10 @@ fn layouts_and_defaults_agree() {
         gpurt_photon_settings { photons_per_pass initial_radius estimator kernel remedies reserved }
         gpurt_photon_counters { num_emitted num_rays num_stored num_gathered num_visible num_sub_passes
             trace_seconds build_seconds gather_seconds smallest_radius reserved }
+        gpurt_reyes_settings { shading_rate filter shading no_shadows reserved }
+        gpurt_reyes_counters { num_patches num_triangles num_splits num_culled num_grids num_micropolygons
+            num_fragments num_shaded largest_queue largest_bucket working_bytes bound_seconds split_seconds
+            dice_seconds sample_seconds reserved }
         gpurt_cuda_kernel { name num_launches block_threads registers local_bytes shared_bytes
             blocks_per_multiprocessor occupancy }
     }
