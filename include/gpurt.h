@@ -53,6 +53,7 @@ typedef struct gpurt_scene_t *gpurt_scene;
 typedef struct gpurt_frame_t *gpurt_frame;
 typedef struct gpurt_job_t *gpurt_job;
 typedef struct gpurt_buffer_t *gpurt_buffer;
+typedef struct gpurt_photon_map_t *gpurt_photon_map;
 
 typedef enum gpurt_result {
   GPURT_OK = 0,
@@ -794,6 +795,148 @@ typedef struct gpurt_trace_desc {
  *  that the device, the accelerator or the query does not have.
  */
 GPURT_API gpurt_result gpurt_scene_trace(gpurt_scene scene, const gpurt_trace_desc *desc);
+
+/* ---- Photon maps --------------------------------------------------------- */
+
+/* Points in space, with a flux and a normal each where they are wanted, sorted so that those near a place are found
+ * fast. A distance is in single precision: d^2 = dx^2 + (dy^2 + dz^2) with fused multiply-adds. A point is within a
+ * radius where d^2 < r^2. Answers have the same bits on every device and for any number of threads. */
+
+typedef struct gpurt_photon_map_desc {
+  uint32_t struct_size;   /* set by GPURT_PHOTON_MAP_DESC_INIT */
+  gpurt_storage storage;  /* where the arrays lie; they are copied */
+  uint64_t num_points;    /* below 2^31; 0: an empty map */
+  const float *positions; /* float32 [num_points][3], finite */
+  /* float32 [num_points][3], not negative, at most 3.3e38; NULL: none. Kept as mantissas of 8 bits with a common
+   * exponent, rounded up or down at random, so that sums have no bias. */
+  const float *fluxes;
+  const float
+      *normals; /* float32 [num_points][3], finite, of any length, kept in steps of 1/127; NULL: none */
+  float radius; /* that queries will mostly have; 0: one that holds about 50 points where they lie densely */
+  /* Grids, each with cells 4 times larger than the one before, at most 8: with more, nearest points that lie farther
+   * away than `radius` are found faster. 0: 1. */
+  uint32_t num_levels;
+} gpurt_photon_map_desc;
+#define GPURT_PHOTON_MAP_DESC_INIT \
+  {sizeof(gpurt_photon_map_desc), GPURT_STORAGE_HOST, 0, NULL, NULL, NULL, 0, 0}
+
+/** Builds a map of the caller's points. It keeps the device alive.
+ *
+ *  With a device of several, the map lies on the first one.
+ *  Errors: INVALID_ARGUMENT, also for an element that is not allowed, with the index of the first; OUT_OF_MEMORY;
+ *  DEVICE.
+ */
+GPURT_API gpurt_result gpurt_photon_map_create(gpurt_device device, const gpurt_photon_map_desc *desc,
+                                               gpurt_photon_map *out_map);
+GPURT_API gpurt_result gpurt_photon_map_retain(gpurt_photon_map map);
+GPURT_API gpurt_result gpurt_photon_map_release(gpurt_photon_map map);
+
+typedef struct gpurt_photon_map_info {
+  uint32_t struct_size; /* set by GPURT_PHOTON_MAP_INFO_INIT */
+  uint32_t num_levels;
+  uint64_t num_points;
+  float bounds[2][3]; /* lowest and highest coordinates; an empty map: 0 */
+  float radius;       /* of the description, or the one that was chosen */
+  uint32_t has_fluxes;
+  uint32_t has_normals;
+  uint32_t fullest_cell; /* points of the fullest entry of the finest grid's table */
+  uint64_t memory_bytes;
+  double build_seconds; /* on a CUDA device: of the device, without copies from the host */
+} gpurt_photon_map_info;
+#define GPURT_PHOTON_MAP_INFO_INIT \
+  {sizeof(gpurt_photon_map_info), 0, 0, {{0, 0, 0}, {0, 0, 0}}, 0, 0, 0, 0, 0, 0}
+
+/** Reads what a map is. */
+GPURT_API gpurt_result gpurt_photon_map_get_info(gpurt_photon_map map, gpurt_photon_map_info *out_info);
+
+/** Writes a map to a file, under a temporary name that is then changed. Errors: IO; OUT_OF_MEMORY. */
+GPURT_API gpurt_result gpurt_photon_map_save(gpurt_photon_map map, const char *path);
+
+/** Reads a map that gpurt_photon_map_save wrote, on any device; it answers with the same bits.
+ *
+ *  Errors: IO for a foreign or damaged file; OUT_OF_MEMORY.
+ */
+GPURT_API gpurt_result gpurt_photon_map_load(gpurt_device device, const char *path,
+                                             gpurt_photon_map *out_map);
+
+typedef enum gpurt_photon_query {
+  GPURT_PHOTON_QUERY_COUNT = 0,   /* how many points are within the radius */
+  GPURT_PHOTON_QUERY_SUM = 1,     /* the sum of their fluxes, weighted by the kernel */
+  GPURT_PHOTON_QUERY_LIST = 2,    /* which they are, in the order in which the map keeps them */
+  GPURT_PHOTON_QUERY_NEAREST = 3, /* the k nearest, sorted by (distance, id) */
+  GPURT_PHOTON_QUERY_FORCE32 = 0x7fffffff
+} gpurt_photon_query;
+
+/* Weight of a point at distance d of a radius r, not normalised. */
+typedef enum gpurt_gather_kernel {
+  GPURT_GATHER_KERNEL_CONSTANT = 0,  /* 1 */
+  GPURT_GATHER_KERNEL_CONE = 1,      /* 1 - d / r */
+  GPURT_GATHER_KERNEL_QUADRATIC = 2, /* 1 - d^2 / r^2 */
+  GPURT_GATHER_KERNEL_FORCE32 = 0x7fffffff
+} gpurt_gather_kernel;
+
+#define GPURT_MAX_NEAREST 512
+
+/* How points within a radius are found. */
+typedef enum gpurt_gather_method {
+  GPURT_GATHER_GRID = 0, /* in the cells of a grid */
+  /* In lists of those within the radius of a kd-tree's leaves: a reference to compare with. The first query makes the
+   * lists for its radius, and the map keeps them until one has another radius. Not for NEAREST. */
+  GPURT_GATHER_NODE_LISTS = 1,
+  GPURT_GATHER_METHOD_FORCE32 = 0x7fffffff
+} gpurt_gather_method;
+
+typedef struct gpurt_photon_query_desc {
+  uint32_t struct_size; /* set by GPURT_PHOTON_QUERY_DESC_INIT */
+  gpurt_photon_query query;
+  gpurt_storage storage;      /* where all arrays lie */
+  gpurt_gather_kernel kernel; /* SUM */
+  uint64_t num_queries;
+  const float *positions; /* float32 [num_queries][3]; one that is not finite finds nothing */
+  /* float32 [num_queries][3], of any length: points count whose normal has a cosine with it above min_cosine, both in
+   * steps of 1/127; NULL: all points count. Not for NEAREST. */
+  const float *normals;
+  float min_cosine;  /* in [-1, 1] */
+  float radius;      /* in [1.1e-19, 1.8e19]; NEAREST: points farther away do not count, 0: all do */
+  float radius_hint; /* NEAREST: about what holds k points; changes the speed alone. 0: not known */
+  uint32_t k;        /* NEAREST: 1 to GPURT_MAX_NEAREST */
+  uint32_t *counts;  /* uint32 [num_queries]: points found; NULL for LIST, may be NULL for SUM and NEAREST */
+  float *sums;       /* SUM: float32 [num_queries][3]; else NULL */
+  uint64_t *offsets; /* LIST: [num_queries + 1]; query i has ids offsets[i] .. offsets[i + 1]; else NULL */
+  uint32_t
+      *ids; /* NEAREST: [num_queries][k], the rest GPURT_INVALID_ID; LIST: [capacity], or NULL to count */
+  float *distances;          /* as ids, the rest infinite; may be NULL */
+  uint64_t capacity;         /* LIST: elements that ids and distances have room for */
+  gpurt_coherence coherence; /* COHERENT: neighbours in the batch are neighbours in space, and not sorted */
+  gpurt_gather_method method;
+} gpurt_photon_query_desc;
+#define GPURT_PHOTON_QUERY_DESC_INIT \
+  {sizeof(gpurt_photon_query_desc), \
+   GPURT_PHOTON_QUERY_COUNT, \
+   GPURT_STORAGE_HOST, \
+   GPURT_GATHER_KERNEL_CONSTANT, \
+   0, \
+   NULL, \
+   NULL, \
+   0, \
+   0, \
+   0, \
+   0, \
+   NULL, \
+   NULL, \
+   NULL, \
+   NULL, \
+   NULL, \
+   0, \
+   GPURT_COHERENCE_AUTO, \
+   GPURT_GATHER_GRID}
+
+/** Asks a map for the points near places and returns when it is done.
+ *
+ *  Errors: INVALID_ARGUMENT, also for LIST where capacity is too small (offsets are written: offsets[num_queries] is
+ *  the capacity needed); OUT_OF_MEMORY; DEVICE.
+ */
+GPURT_API gpurt_result gpurt_photon_map_query(gpurt_photon_map map, const gpurt_photon_query_desc *desc);
 
 /* ---- Frames and rendering ------------------------------------------------ */
 

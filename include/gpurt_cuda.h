@@ -28,6 +28,19 @@ extern "C" {
 GPURT_API gpurt_result gpurt_cuda_trace(gpurt_scene scene, const gpurt_trace_desc *desc, void *stream,
                                         void *wait_event, void *done_event);
 
+/** Queues a batch of queries of a photon map on a stream and returns before it is done.
+ *
+ *  @param desc        As for gpurt_photon_map_query, with storage GPURT_STORAGE_DEVICE. Its arrays stay valid until the
+ *                     work is done; the descriptor itself may go at once.
+ *  @param stream, wait_event, done_event  As for gpurt_cuda_trace.
+ *
+ *  The map must not be released before the work is done.
+ *  Errors: as gpurt_photon_map_query; UNSUPPORTED where the device does not work on streams, and for LIST, whose offsets
+ *  only the end of the work can tell. Failures of the work itself show in the stream.
+ */
+GPURT_API gpurt_result gpurt_cuda_query_photons(gpurt_photon_map map, const gpurt_photon_query_desc *desc,
+                                                void *stream, void *wait_event, void *done_event);
+
 /** Makes what is queued on `stream` from now on wait for what is on the stream `after` now; returns at once.
  *
  *  @param ordinal  Which CUDA device of `device` the streams belong to.

@@ -73,11 +73,21 @@ GPURT_STRUCT(gpurt_frame_desc, GPURT_FRAME_DESC_INIT, offsetof(gpurt_frame_desc,
 GPURT_STRUCT(gpurt_render_desc, GPURT_RENDER_DESC_INIT, offsetof(gpurt_render_desc, time_limit_s),
              offsetof(gpurt_render_desc, progress), offsetof(gpurt_render_desc, progress_user),
              offsetof(gpurt_render_desc, schedule.ray_budget));
+GPURT_STRUCT(gpurt_photon_map_desc, GPURT_PHOTON_MAP_DESC_INIT, offsetof(gpurt_photon_map_desc, num_points),
+             offsetof(gpurt_photon_map_desc, positions), offsetof(gpurt_photon_map_desc, fluxes),
+             offsetof(gpurt_photon_map_desc, normals));
+GPURT_STRUCT(gpurt_photon_query_desc, GPURT_PHOTON_QUERY_DESC_INIT,
+             offsetof(gpurt_photon_query_desc, num_queries), offsetof(gpurt_photon_query_desc, positions),
+             offsetof(gpurt_photon_query_desc, normals), offsetof(gpurt_photon_query_desc, counts),
+             offsetof(gpurt_photon_query_desc, sums), offsetof(gpurt_photon_query_desc, offsets),
+             offsetof(gpurt_photon_query_desc, ids), offsetof(gpurt_photon_query_desc, distances),
+             offsetof(gpurt_photon_query_desc, capacity));
 // Only ever written: where a smaller struct ends is the caller's business.
 GPURT_STRUCT(gpurt_device_properties, GPURT_DEVICE_PROPERTIES_INIT);
 GPURT_STRUCT(gpurt_scene_facts, GPURT_SCENE_FACTS_INIT);
 GPURT_STRUCT(gpurt_statistics, GPURT_STATISTICS_INIT);
 GPURT_STRUCT(gpurt_state_info, GPURT_STATE_INFO_INIT);
+GPURT_STRUCT(gpurt_photon_map_info, GPURT_PHOTON_MAP_INFO_INIT);
 
 /// The caller's struct_size. Throws INVALID_ARGUMENT where no version of the struct can have that size.
 uint32_t checked_struct_size(const void *caller, const StructInfo &info, const char *what);

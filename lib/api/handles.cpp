@@ -34,7 +34,8 @@ bool unpack(uintptr_t value, Handle &h)
   const uint64_t kind = value >> kind_shift & 0xf;
   h = {HandleKind(kind), uint32_t(value >> generation_shift) & max_generation,
        uint32_t(value & (max_slots - 1))};
-  return value >> 56 == mark && kind >= uint64_t(HandleKind::Device) && kind <= uint64_t(HandleKind::Buffer);
+  return value >> 56 == mark && kind >= uint64_t(HandleKind::Device) &&
+         kind <= uint64_t(HandleKind::PhotonMap);
 }
 
 const char *name_of(HandleKind kind) { return name_with_article(kind) + 2; }
@@ -117,6 +118,8 @@ const char *name_with_article(HandleKind kind)
       return "a job";
     case HandleKind::Buffer:
       return "a buffer";
+    case HandleKind::PhotonMap:
+      return "a photon map";
   }
   return "a gpurt";
 }

@@ -7,7 +7,7 @@
 
 namespace gpurt::api {
 
-enum class HandleKind : uint8_t { Device = 1, Scene = 2, Frame = 3, Job = 4, Buffer = 5 };
+enum class HandleKind : uint8_t { Device = 1, Scene = 2, Frame = 3, Job = 4, Buffer = 5, PhotonMap = 6 };
 
 /// "a scene", for messages.
 const char *name_with_article(HandleKind kind);
@@ -17,6 +17,7 @@ struct Scene;
 struct FrameObject;
 struct JobObject;
 struct Buffer;
+struct PhotonMapObject;
 
 /// What kind of object a handle type names.
 template <class Handle>
@@ -40,6 +41,11 @@ template <>
 struct HandleTraits<gpurt_job> {
   using Object = JobObject;
   static constexpr HandleKind kind = HandleKind::Job;
+};
+template <>
+struct HandleTraits<gpurt_photon_map> {
+  using Object = PhotonMapObject;
+  static constexpr HandleKind kind = HandleKind::PhotonMap;
 };
 template <>
 struct HandleTraits<gpurt_buffer> {

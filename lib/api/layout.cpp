@@ -3,6 +3,7 @@
 
 #include "backend.h"
 #include "gpurt.h"
+#include "photon_maps.h"
 
 namespace gpurt::api {
 namespace {
@@ -59,6 +60,16 @@ static_assert(same(Shading::Immediate, GPURT_SHADING_IMMEDIATE) &&
               same(Shading::Sorted, GPURT_SHADING_SORTED));
 static_assert(same(Generation::Slots, GPURT_GENERATION_SLOTS) &&
               same(Generation::Counted, GPURT_GENERATION_COUNTED));
+static_assert(same(PhotonQueryKind::Count, GPURT_PHOTON_QUERY_COUNT) &&
+              same(PhotonQueryKind::Sum, GPURT_PHOTON_QUERY_SUM));
+static_assert(same(PhotonQueryKind::List, GPURT_PHOTON_QUERY_LIST) &&
+              same(PhotonQueryKind::Nearest, GPURT_PHOTON_QUERY_NEAREST));
+static_assert(same(GatherKernel::Constant, GPURT_GATHER_KERNEL_CONSTANT) &&
+              same(GatherKernel::Cone, GPURT_GATHER_KERNEL_CONE) &&
+              same(GatherKernel::Quadratic, GPURT_GATHER_KERNEL_QUADRATIC));
+static_assert(same(GatherMethod::Grid, GPURT_GATHER_GRID) &&
+              same(GatherMethod::NodeLists, GPURT_GATHER_NODE_LISTS));
+static_assert(sizeof(Vec3f) == 3 * sizeof(float));
 
 }  // namespace
 }  // namespace gpurt::api

@@ -7,6 +7,7 @@
 
 #include "api/handles.h"
 #include "backend.h"
+#include "photon_maps.h"
 #include "scene/compiled_scene.h"
 #include "scene/scene_data.h"
 
@@ -112,6 +113,11 @@ struct FrameObject {
   std::shared_ptr<Scene> scene;
   std::shared_ptr<const Commit> commit;
   std::shared_ptr<Frame> frame;
+};
+
+struct PhotonMapObject {
+  std::shared_ptr<Device> device;
+  std::shared_ptr<const PhotonMap> map;
 };
 
 struct JobObject {

@@ -12,6 +12,7 @@
 #include "cpu/committed_scene.h"
 #include "cpu/factory.h"
 #include "cpu/kernels.h"
+#include "cpu/photon/photon_map.h"
 
 namespace gpurt {
 namespace {
@@ -116,6 +117,11 @@ void CpuBackend::copy_to_host(void *host, const void *device, uint64_t bytes)
 void CpuBackend::copy_to_device(void *device, const void *host, uint64_t bytes)
 {
   if (bytes != 0) std::memcpy(device, host, bytes);
+}
+
+std::shared_ptr<const PhotonMap> CpuBackend::make_photon_map(const PhotonMapRequest &request)
+{
+  return std::make_shared<CpuPhotonMap>(request, arena_, memory_);
 }
 
 namespace cpu {

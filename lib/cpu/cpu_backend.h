@@ -4,10 +4,11 @@
 #include <tbb/task_arena.h>
 
 #include "backend.h"
+#include "photon_maps.h"
 
 namespace gpurt {
 
-class CpuBackend final : public Backend {
+class CpuBackend final : public Backend, public PhotonMaps {
  public:
   explicit CpuBackend(const BackendOptions &options);
 
@@ -19,6 +20,7 @@ class CpuBackend final : public Backend {
   void copy_to_host(void *host, const void *device, uint64_t bytes) override;
   void copy_to_device(void *device, const void *host, uint64_t bytes) override;
   bool holds(const void *) const override { return true; }
+  std::shared_ptr<const PhotonMap> make_photon_map(const PhotonMapRequest &request) override;
 
  private:
   DeviceInfo info_;

@@ -2,6 +2,7 @@
 
 #include "error.h"
 #include "multi/multi_scene.h"
+#include "photon_maps.h"
 
 namespace gpurt::multi {
 namespace {
@@ -34,7 +35,7 @@ std::shared_ptr<MemoryTracker> joined_memory(const Members &members)
   return std::make_shared<MemoryTracker>(limit);
 }
 
-class MultiBackend final : public Backend, public StreamOrdering {
+class MultiBackend final : public Backend, public StreamOrdering, public PhotonMaps {
  public:
   explicit MultiBackend(std::vector<std::unique_ptr<Backend>> backends)
       : members_(std::make_shared<Members>(Members{std::move(backends)})),
@@ -78,6 +79,13 @@ class MultiBackend final : public Backend, public StreamOrdering {
   {
     return std::any_of(members_->backends.begin(), members_->backends.end(),
                        [&](const auto &backend) { return backend->holds(data); });
+  }
+
+  std::shared_ptr<const PhotonMap> make_photon_map(const PhotonMapRequest &request) override
+  {
+    auto *const maps = dynamic_cast<PhotonMaps *>(members_->backends[0].get());
+    if (!maps) fail(GPURT_ERROR_UNSUPPORTED, "{} has no photon maps", members_->name(0));
+    return maps->make_photon_map(request);
   }
 
   void order_streams(uint32_t ordinal, void *stream, void *after) override

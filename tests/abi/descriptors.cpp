@@ -130,6 +130,33 @@ class Descriptors : public testing::Test {
     cases.push_back(CASE(gpurt_scene_trace, gpurt_trace_desc, GPURT_TRACE_DESC_INIT, trace,
                          [=](auto *d) { return gpurt_scene_trace(scene, d); }));
 
+    gpurt_photon_map_desc map_desc = GPURT_PHOTON_MAP_DESC_INIT;
+    map_desc.num_points = 3;
+    map_desc.positions = corners;
+    map_desc.radius = 1;
+    cases.push_back(CASE(gpurt_photon_map_create, gpurt_photon_map_desc, GPURT_PHOTON_MAP_DESC_INIT, map_desc,
+                         [=](auto *d) {
+                           gpurt_photon_map out = nullptr;
+                           const gpurt_result result = gpurt_photon_map_create(device, d, &out);
+                           if (out != nullptr) gpurt_photon_map_release(out);
+                           return result;
+                         }));
+
+    gpurt_photon_query_desc photons = GPURT_PHOTON_QUERY_DESC_INIT;
+    photons.num_queries = 1;
+    photons.positions = corners;
+    photons.radius = 1;
+    photons.counts = &count;
+    cases.push_back(CASE(gpurt_photon_map_query, gpurt_photon_query_desc, GPURT_PHOTON_QUERY_DESC_INIT,
+                         photons, [=](auto *d) {
+                           gpurt_photon_map_desc of = GPURT_PHOTON_MAP_DESC_INIT;
+                           gpurt_photon_map map = nullptr;
+                           GPURT_EXPECT_OK(gpurt_photon_map_create(device, &of, &map));
+                           const gpurt_result result = gpurt_photon_map_query(map, d);
+                           gpurt_photon_map_release(map);  // which leaves the last error as it is
+                           return result;
+                         }));
+
     gpurt_frame_desc frame_desc = GPURT_FRAME_DESC_INIT;
     frame_desc.width = frame_desc.height = 8;
     cases.push_back(
@@ -153,6 +180,7 @@ class Descriptors : public testing::Test {
   const float control_points[48] = {};
   gpurt_ray ray = ray_at_triangle();
   gpurt_hit hit{};
+  uint32_t count = 0;
 };
 
 void set_size(std::vector<unsigned char> &bytes, uint32_t size)

@@ -61,6 +61,17 @@ std::vector<Call<gpurt_device>> device_calls()
          uint32_t count;
          return gpurt_cuda_get_kernels(h, nullptr, 0, &count);
        }},
+      {"gpurt_photon_map_create",
+       [](gpurt_device h) {
+         const gpurt_photon_map_desc d = GPURT_PHOTON_MAP_DESC_INIT;
+         gpurt_photon_map out;
+         return gpurt_photon_map_create(h, &d, &out);
+       }},
+      {"gpurt_photon_map_load",
+       [](gpurt_device h) {
+         gpurt_photon_map out;
+         return gpurt_photon_map_load(h, "none.gpurt", &out);
+       }},
       {"gpurt_cuda_wait", [](gpurt_device h) { return gpurt_cuda_wait(h, 0, nullptr); }},
   };
 }
@@ -85,6 +96,39 @@ std::vector<Call<gpurt_buffer>> buffer_calls()
        [](gpurt_buffer h) {
          char data;
          return gpurt_buffer_read(h, 0, &data, 1);
+       }},
+  };
+}
+
+gpurt_photon_map make_map(gpurt_device device)
+{
+  const gpurt_photon_map_desc d = GPURT_PHOTON_MAP_DESC_INIT;
+  gpurt_photon_map map = nullptr;
+  GPURT_EXPECT_OK(gpurt_photon_map_create(device, &d, &map));
+  return map;
+}
+
+std::vector<Call<gpurt_photon_map>> photon_map_calls()
+{
+  return {
+      {"gpurt_photon_map_retain", gpurt_photon_map_retain},
+      {"gpurt_photon_map_release", gpurt_photon_map_release},
+      {"gpurt_photon_map_get_info",
+       [](gpurt_photon_map h) {
+         gpurt_photon_map_info info = GPURT_PHOTON_MAP_INFO_INIT;
+         return gpurt_photon_map_get_info(h, &info);
+       }},
+      {"gpurt_photon_map_save", [](gpurt_photon_map h) { return gpurt_photon_map_save(h, "none.gpurt"); }},
+      {"gpurt_photon_map_query",
+       [](gpurt_photon_map h) {
+         gpurt_photon_query_desc d = GPURT_PHOTON_QUERY_DESC_INIT;
+         d.radius = 1;
+         return gpurt_photon_map_query(h, &d);
+       }},
+      {"gpurt_cuda_query_photons",
+       [](gpurt_photon_map h) {
+         const gpurt_photon_query_desc d = GPURT_PHOTON_QUERY_DESC_INIT;
+         return gpurt_cuda_query_photons(h, &d, nullptr, nullptr, nullptr);
        }},
   };
 }
@@ -300,6 +344,14 @@ TEST_F(Handles, OfBuffers)
   expect_all_refuse(buffer_calls(), bits(gpurt_buffer(world.buffer)), stale, others("buffer"), "buffer");
 }
 
+TEST_F(Handles, OfPhotonMaps)
+{
+  const gpurt_photon_map stale = make_map(world.device), live = make_map(world.device);
+  GPURT_EXPECT_OK(gpurt_photon_map_release(stale));
+  expect_all_refuse(photon_map_calls(), bits(live), stale, others("photon map"), "photon map");
+  GPURT_EXPECT_OK(gpurt_photon_map_release(live));
+}
+
 TEST_F(Handles, OfScenes)
 {
   gpurt_scene stale;
@@ -341,6 +393,7 @@ TEST_F(Handles, EveryFunctionIsTested)
   };
   add(device_calls());
   add(buffer_calls());
+  add(photon_map_calls());
   add(scene_calls());
   add(frame_calls(world.frame));
   add(job_calls());

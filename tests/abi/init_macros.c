@@ -28,6 +28,9 @@ int gpurt_test_init_macros(void)
   gpurt_frame_desc frame = GPURT_FRAME_DESC_INIT;
   gpurt_render_desc render = GPURT_RENDER_DESC_INIT;
   gpurt_statistics statistics = GPURT_STATISTICS_INIT;
+  gpurt_photon_map_desc map = GPURT_PHOTON_MAP_DESC_INIT;
+  gpurt_photon_map_info map_info = GPURT_PHOTON_MAP_INFO_INIT;
+  gpurt_photon_query_desc photons = GPURT_PHOTON_QUERY_DESC_INIT;
   return device.struct_size == sizeof device && properties.struct_size == sizeof properties &&
          buffer.struct_size == sizeof buffer && texture.struct_size == sizeof texture &&
          material.struct_size == sizeof material && mesh.struct_size == sizeof mesh &&
@@ -37,5 +40,6 @@ int gpurt_test_init_macros(void)
          build.struct_size == sizeof build && facts.struct_size == sizeof facts &&
          tree.struct_size == sizeof tree && trace.struct_size == sizeof trace &&
          frame.struct_size == sizeof frame && render.struct_size == sizeof render &&
-         statistics.struct_size == sizeof statistics;
+         statistics.struct_size == sizeof statistics && map.struct_size == sizeof map &&
+         map_info.struct_size == sizeof map_info && photons.struct_size == sizeof photons;
 }

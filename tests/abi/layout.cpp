@@ -525,9 +525,68 @@ VALUE(GPURT_PIPELINE_REYES, 3);
 VALUE(GPURT_PIPELINE_HYBRID, 4);
 SIZE(gpurt_pipeline, 4);
 
+SIZE(gpurt_photon_map_desc, 48);
+FIELD(gpurt_photon_map_desc, struct_size, 0);
+FIELD(gpurt_photon_map_desc, storage, 4);
+FIELD(gpurt_photon_map_desc, num_points, 8);
+FIELD(gpurt_photon_map_desc, positions, 16);
+FIELD(gpurt_photon_map_desc, fluxes, 24);
+FIELD(gpurt_photon_map_desc, normals, 32);
+FIELD(gpurt_photon_map_desc, radius, 40);
+FIELD(gpurt_photon_map_desc, num_levels, 44);
+
+SIZE(gpurt_photon_map_info, 72);
+FIELD(gpurt_photon_map_info, struct_size, 0);
+FIELD(gpurt_photon_map_info, num_levels, 4);
+FIELD(gpurt_photon_map_info, num_points, 8);
+FIELD(gpurt_photon_map_info, bounds, 16);
+FIELD(gpurt_photon_map_info, radius, 40);
+FIELD(gpurt_photon_map_info, has_fluxes, 44);
+FIELD(gpurt_photon_map_info, has_normals, 48);
+FIELD(gpurt_photon_map_info, fullest_cell, 52);
+FIELD(gpurt_photon_map_info, memory_bytes, 56);
+FIELD(gpurt_photon_map_info, build_seconds, 64);
+
+SIZE(gpurt_photon_query_desc, 112);
+FIELD(gpurt_photon_query_desc, struct_size, 0);
+FIELD(gpurt_photon_query_desc, query, 4);
+FIELD(gpurt_photon_query_desc, storage, 8);
+FIELD(gpurt_photon_query_desc, kernel, 12);
+FIELD(gpurt_photon_query_desc, num_queries, 16);
+FIELD(gpurt_photon_query_desc, positions, 24);
+FIELD(gpurt_photon_query_desc, normals, 32);
+FIELD(gpurt_photon_query_desc, min_cosine, 40);
+FIELD(gpurt_photon_query_desc, radius, 44);
+FIELD(gpurt_photon_query_desc, radius_hint, 48);
+FIELD(gpurt_photon_query_desc, k, 52);
+FIELD(gpurt_photon_query_desc, counts, 56);
+FIELD(gpurt_photon_query_desc, sums, 64);
+FIELD(gpurt_photon_query_desc, offsets, 72);
+FIELD(gpurt_photon_query_desc, ids, 80);
+FIELD(gpurt_photon_query_desc, distances, 88);
+FIELD(gpurt_photon_query_desc, capacity, 96);
+FIELD(gpurt_photon_query_desc, coherence, 104);
+FIELD(gpurt_photon_query_desc, method, 108);
+
+VALUE(GPURT_PHOTON_QUERY_COUNT, 0);
+VALUE(GPURT_PHOTON_QUERY_SUM, 1);
+VALUE(GPURT_PHOTON_QUERY_LIST, 2);
+VALUE(GPURT_PHOTON_QUERY_NEAREST, 3);
+SIZE(gpurt_photon_query, 4);
+
+VALUE(GPURT_GATHER_KERNEL_CONSTANT, 0);
+VALUE(GPURT_GATHER_KERNEL_CONE, 1);
+VALUE(GPURT_GATHER_KERNEL_QUADRATIC, 2);
+SIZE(gpurt_gather_kernel, 4);
+
+VALUE(GPURT_GATHER_GRID, 0);
+VALUE(GPURT_GATHER_NODE_LISTS, 1);
+SIZE(gpurt_gather_method, 4);
+VALUE(GPURT_MAX_NEAREST, 512);
 VALUE(GPURT_INVALID_ID, 0xffffffffu);
 VALUE(GPURT_WAIT_FOREVER, UINT64_MAX);
 SIZE(gpurt_device, 8);
+SIZE(gpurt_photon_map, 8);
 
 #endif
 

@@ -73,7 +73,8 @@ CpuPhotonGrid::CpuPhotonGrid(const PhotonSource &source, const Box &bounds, cons
   for_blocks(n, [&](uint64_t begin, uint64_t end) {
     for (uint64_t i = begin; i < end; ++i) {
       const uint32_t index = sorted[i].value;
-      probes_[i] = source_probe(source, index);
+      probes_[i] = options.ids_for_fluxes ? PhotonProbe{source_position(source, index), index}
+                                          : source_probe(source, index);
       if (options.keep_rests) rests_[i] = source_rest(source, index);
       if (options.keep_indices) indices_[i] = index;
       // The first photon of an entry is that of all empty ones before it, too.

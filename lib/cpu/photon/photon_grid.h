@@ -10,9 +10,10 @@
 namespace gpurt {
 
 struct PhotonGridOptions {
-  float radius = 0;           // that gathers mostly have: the edge of a cell
-  bool keep_rests = true;     // directions and normals
-  bool keep_indices = false;  // which record a photon of the grid was
+  float radius = 0;             // that gathers mostly have: the edge of a cell
+  bool keep_rests = true;       // directions and normals
+  bool keep_indices = false;    // which record a photon of the grid was
+  bool ids_for_fluxes = false;  // the record's index in place of its flux
 };
 
 /// The bounds of positions. Photons that are not finite: `first_bad` is the index of the first, else num_photons.

@@ -6,6 +6,7 @@ pub const GPURT_VERSION_MAJOR: u32 = 0;
 pub const GPURT_VERSION_MINOR: u32 = 1;
 pub const GPURT_VERSION_PATCH: u32 = 0;
 pub const GPURT_INVALID_ID: u32 = 4294967295;
+pub const GPURT_MAX_NEAREST: u32 = 512;
 pub type __uint8_t = ::std::os::raw::c_uchar;
 pub type __uint32_t = ::std::os::raw::c_uint;
 pub type __uint64_t = ::std::os::raw::c_ulong;
@@ -39,6 +40,12 @@ pub struct gpurt_buffer_t {
     _unused: [u8; 0],
 }
 pub type gpurt_buffer = *mut gpurt_buffer_t;
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_photon_map_t {
+    _unused: [u8; 0],
+}
+pub type gpurt_photon_map = *mut gpurt_photon_map_t;
 pub const GPURT_OK: gpurt_result = 0;
 pub const GPURT_ERROR_INVALID_ARGUMENT: gpurt_result = 1;
 pub const GPURT_ERROR_OUT_OF_MEMORY: gpurt_result = 2;
@@ -634,6 +641,108 @@ pub struct gpurt_trace_desc {
 extern "C" {
     pub fn gpurt_scene_trace(scene: gpurt_scene, desc: *const gpurt_trace_desc) -> gpurt_result;
 }
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_photon_map_desc {
+    pub struct_size: u32,
+    pub storage: gpurt_storage,
+    pub num_points: u64,
+    pub positions: *const f32,
+    pub fluxes: *const f32,
+    pub normals: *const f32,
+    pub radius: f32,
+    pub num_levels: u32,
+}
+extern "C" {
+    pub fn gpurt_photon_map_create(
+        device: gpurt_device,
+        desc: *const gpurt_photon_map_desc,
+        out_map: *mut gpurt_photon_map,
+    ) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_photon_map_retain(map: gpurt_photon_map) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_photon_map_release(map: gpurt_photon_map) -> gpurt_result;
+}
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_photon_map_info {
+    pub struct_size: u32,
+    pub num_levels: u32,
+    pub num_points: u64,
+    pub bounds: [[f32; 3usize]; 2usize],
+    pub radius: f32,
+    pub has_fluxes: u32,
+    pub has_normals: u32,
+    pub fullest_cell: u32,
+    pub memory_bytes: u64,
+    pub build_seconds: f64,
+}
+extern "C" {
+    pub fn gpurt_photon_map_get_info(
+        map: gpurt_photon_map,
+        out_info: *mut gpurt_photon_map_info,
+    ) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_photon_map_save(
+        map: gpurt_photon_map,
+        path: *const ::std::os::raw::c_char,
+    ) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_photon_map_load(
+        device: gpurt_device,
+        path: *const ::std::os::raw::c_char,
+        out_map: *mut gpurt_photon_map,
+    ) -> gpurt_result;
+}
+pub const GPURT_PHOTON_QUERY_COUNT: gpurt_photon_query = 0;
+pub const GPURT_PHOTON_QUERY_SUM: gpurt_photon_query = 1;
+pub const GPURT_PHOTON_QUERY_LIST: gpurt_photon_query = 2;
+pub const GPURT_PHOTON_QUERY_NEAREST: gpurt_photon_query = 3;
+pub const GPURT_PHOTON_QUERY_FORCE32: gpurt_photon_query = 2147483647;
+pub type gpurt_photon_query = ::std::os::raw::c_uint;
+pub const GPURT_GATHER_KERNEL_CONSTANT: gpurt_gather_kernel = 0;
+pub const GPURT_GATHER_KERNEL_CONE: gpurt_gather_kernel = 1;
+pub const GPURT_GATHER_KERNEL_QUADRATIC: gpurt_gather_kernel = 2;
+pub const GPURT_GATHER_KERNEL_FORCE32: gpurt_gather_kernel = 2147483647;
+pub type gpurt_gather_kernel = ::std::os::raw::c_uint;
+pub const GPURT_GATHER_GRID: gpurt_gather_method = 0;
+pub const GPURT_GATHER_NODE_LISTS: gpurt_gather_method = 1;
+pub const GPURT_GATHER_METHOD_FORCE32: gpurt_gather_method = 2147483647;
+pub type gpurt_gather_method = ::std::os::raw::c_uint;
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_photon_query_desc {
+    pub struct_size: u32,
+    pub query: gpurt_photon_query,
+    pub storage: gpurt_storage,
+    pub kernel: gpurt_gather_kernel,
+    pub num_queries: u64,
+    pub positions: *const f32,
+    pub normals: *const f32,
+    pub min_cosine: f32,
+    pub radius: f32,
+    pub radius_hint: f32,
+    pub k: u32,
+    pub counts: *mut u32,
+    pub sums: *mut f32,
+    pub offsets: *mut u64,
+    pub ids: *mut u32,
+    pub distances: *mut f32,
+    pub capacity: u64,
+    pub coherence: gpurt_coherence,
+    pub method: gpurt_gather_method,
+}
+extern "C" {
+    pub fn gpurt_photon_map_query(
+        map: gpurt_photon_map,
+        desc: *const gpurt_photon_query_desc,
+    ) -> gpurt_result;
+}
 pub const GPURT_OUTPUT_COLOR: gpurt_output = 0;
 pub const GPURT_OUTPUT_ALPHA: gpurt_output = 1;
 pub const GPURT_OUTPUT_DEPTH: gpurt_output = 2;
@@ -912,6 +1021,15 @@ extern "C" {
     pub fn gpurt_cuda_trace(
         scene: gpurt_scene,
         desc: *const gpurt_trace_desc,
+        stream: *mut ::std::os::raw::c_void,
+        wait_event: *mut ::std::os::raw::c_void,
+        done_event: *mut ::std::os::raw::c_void,
+    ) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_cuda_query_photons(
+        map: gpurt_photon_map,
+        desc: *const gpurt_photon_query_desc,
         stream: *mut ::std::os::raw::c_void,
         wait_event: *mut ::std::os::raw::c_void,
         done_event: *mut ::std::os::raw::c_void,
