@@ -11,6 +11,7 @@
 #include "cuda/factory.h"
 #include "cuda/kernel_listing.h"
 #include "cuda/path/render.h"
+#include "cuda/photon/photon_map.h"
 #include "cuda/probe.h"
 #include "error.h"
 
@@ -138,7 +139,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   mutable SliceSize slice_;
 };
 
-class CudaBackend final : public Backend, public StreamOrdering, public KernelListing {
+class CudaBackend final : public Backend, public StreamOrdering, public KernelListing, public PhotonMaps {
  public:
   CudaBackend(const DeviceInfo &info, const BackendOptions &options)
       : device_(std::make_shared<SharedDevice>()), log_(options.log)
@@ -159,6 +160,12 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
            "embree is an accelerator of the CPU; on a CUDA device use GPURT_ACCEL_BVH or GPURT_ACCEL_KDTREE");
     }
     return options.accel == Accel::Bvh ? commit_bvhs(scene, options) : commit_kd_trees(scene, options);
+  }
+
+  std::shared_ptr<const PhotonMap> make_photon_map(const PhotonMapRequest &request) override
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    return std::make_shared<CudaPhotonMap>(request, device_, device_->memory, device_->lanes);
   }
 
   std::shared_ptr<void> allocate(uint64_t bytes) override

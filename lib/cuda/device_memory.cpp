@@ -146,4 +146,19 @@ void DeviceMemory::free_on(cudaStream_t stream, void *data, uint64_t bytes) noex
   tracker_->release(bytes);
 }
 
+void check_device_pointer(const void *pointer, const char *name, int ordinal, const char *object)
+{
+  if (pointer == nullptr) return;
+  cudaPointerAttributes attributes{};
+  check(cudaPointerGetAttributes(&attributes, pointer), "cudaPointerGetAttributes");
+  if (attributes.type == cudaMemoryTypeUnregistered) {
+    fail_invalid("{} is host memory, which the CUDA device cannot reach; set storage to GPURT_STORAGE_HOST",
+                 name);
+  }
+  if (attributes.type == cudaMemoryTypeDevice && attributes.device != ordinal) {
+    fail_invalid("{} lies on CUDA device {}, {} on CUDA device {}; copy it there first", name,
+                 attributes.device, object, ordinal);
+  }
+}
+
 }  // namespace gpurt::cuda

@@ -140,4 +140,8 @@ DeviceBuffer<T> upload(const std::shared_ptr<DeviceMemory> &memory, std::span<co
   return buffer;
 }
 
+/// Throws INVALID_ARGUMENT where the array `name` of a request about `object`, which lies on the device, is host memory
+/// that the device cannot reach, or memory of another device. NULL is fine.
+void check_device_pointer(const void *pointer, const char *name, int ordinal, const char *object);
+
 }  // namespace gpurt::cuda

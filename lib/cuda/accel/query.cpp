@@ -70,27 +70,12 @@ void copy_async(void *to, const void *from, uint64_t bytes, cudaMemcpyKind kind,
   if (bytes != 0) check(cudaMemcpyAsync(to, from, bytes, kind, lane.stream()), "cudaMemcpyAsync");
 }
 
-void check_device_pointer(const void *pointer, const char *name, int ordinal)
-{
-  if (pointer == nullptr) return;
-  cudaPointerAttributes attributes{};
-  check(cudaPointerGetAttributes(&attributes, pointer), "cudaPointerGetAttributes");
-  if (attributes.type == cudaMemoryTypeUnregistered) {
-    fail_invalid("{} is host memory, which the CUDA device cannot reach; set storage to GPURT_STORAGE_HOST",
-                 name);
-  }
-  if (attributes.type == cudaMemoryTypeDevice && attributes.device != ordinal) {
-    fail_invalid("{} lies on CUDA device {}, the scene on CUDA device {}; copy it there first", name,
-                 attributes.device, ordinal);
-  }
-}
-
 void check_device_pointers(const TraceRequest &request, int ordinal)
 {
-  check_device_pointer(request.rays, "rays", ordinal);
-  check_device_pointer(request.hits, "hits", ordinal);
-  check_device_pointer(request.occluded, "occluded", ordinal);
-  check_device_pointer(request.offsets, "offsets", ordinal);
+  check_device_pointer(request.rays, "rays", ordinal, "the scene");
+  check_device_pointer(request.hits, "hits", ordinal, "the scene");
+  check_device_pointer(request.occluded, "occluded", ordinal, "the scene");
+  check_device_pointer(request.offsets, "offsets", ordinal, "the scene");
 }
 
 std::byte *results_of(const TraceRequest &request)

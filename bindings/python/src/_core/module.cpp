@@ -30,5 +30,6 @@ PYBIND11_MODULE(_core, module)
   bind_dlpack(module);
   bind_buffer(module);
   bind_scene(module);
+  bind_photons(module);
   bind_frame(module);
 }

@@ -26,6 +26,10 @@ struct Scene {
   Owner<gpurt_scene, gpurt_scene_release> handle;
 };
 
+struct PhotonMap {
+  Owner<gpurt_photon_map, gpurt_photon_map_release> handle;
+};
+
 struct Frame {
   Owner<gpurt_frame, gpurt_frame_release> handle;
 };
@@ -48,6 +52,7 @@ void bind_device(py::module_ &module);
 void bind_buffer(py::module_ &module);
 void bind_scene(py::module_ &module);
 void bind_trace(py::class_<Scene> &scene);
+void bind_photons(py::module_ &module);
 void bind_frame(py::module_ &module);
 
 }  // namespace gpurt_python

@@ -6,8 +6,9 @@
     image = scene.render(spp=64)            # image.color: float32 [h][w][3]
     image.save("cornell.png")
     hits = scene.trace(origins=origins, directions=directions)
+    ids, distances = gpurt.PhotonMap(points).nearest(places, 50)
 
-Device, Scene, Frame, Job and Image own what the C library gives out; errors are exceptions under gpurt.Error.
+Device, Scene, PhotonMap, Frame, Job and Image own what the C library gives out; errors are exceptions under gpurt.Error.
 """
 
 import atexit as _atexit
@@ -21,13 +22,14 @@ from gpurt.errors import (Cancelled, DeviceError, Error, FileError, InternalErro
 from gpurt.frame import Frame, Job, Statistics
 from gpurt.hits import Hits
 from gpurt.image import Image
+from gpurt.photons import PhotonMap, PhotonMapInfo
 from gpurt.scene import (INVALID_ID, Camera, KdTree, Placed, Scene, SceneFacts, kdtree_node_dtype, load, look_at)
 
 __version__ = _core.version()
 
 __all__ = [
     "INVALID_ID", "Camera", "Cancelled", "Device", "DeviceArray", "DeviceError", "DeviceProperties", "Error",
-    "FileError", "Frame", "Hits", "Image", "InternalError", "InvalidArgument", "Job", "KdTree", "OutOfMemory", "Placed", "Scene", "SceneFacts",
+    "FileError", "Frame", "Hits", "Image", "InternalError", "InvalidArgument", "Job", "KdTree", "OutOfMemory", "PhotonMap", "PhotonMapInfo", "Placed", "Scene", "SceneFacts",
     "Statistics", "Timeout", "Unsupported", "default_device", "devices", "hit_compact_dtype", "hit_dtype",
     "kdtree_node_dtype", "load", "look_at", "make_rays",
 ]

@@ -133,6 +133,44 @@ class Scene:
         stream: Optional[int],
     ) -> None: ...
 
+class PhotonMap:
+    def __init__(
+        self,
+        device: Device,
+        in_device_memory: bool,
+        num_points: int,
+        positions: int,
+        fluxes: int,
+        normals: int,
+        radius: float,
+        num_levels: int,
+    ) -> None: ...
+    @staticmethod
+    def load(device: Device, path: bytes) -> PhotonMap: ...
+    def save(self, path: bytes) -> None: ...
+    def info(self) -> Dict[str, Any]: ...
+    def query(
+        self,
+        kind: int,
+        method: int,
+        kernel: int,
+        in_device_memory: bool,
+        num_queries: int,
+        positions: int,
+        normals: int,
+        min_cosine: float,
+        radius: float,
+        radius_hint: float,
+        k: int,
+        counts: int,
+        sums: int,
+        offsets: int,
+        ids: int,
+        distances: int,
+        capacity: int,
+        stream: Optional[int],
+    ) -> None: ...
+
 class Frame:
     def __init__(
         self,

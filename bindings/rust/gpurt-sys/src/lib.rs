@@ -51,6 +51,9 @@ init! {
     gpurt_render_desc {}
     gpurt_state_info {}
     gpurt_statistics {}
+    gpurt_photon_map_desc {}
+    gpurt_photon_map_info {}
+    gpurt_photon_query_desc {}
 }
 
 impl Default for gpurt_array {

@@ -242,3 +242,25 @@ c_enum! {
         Counted = GPURT_GENERATION_COUNTED,
     }
 }
+
+c_enum! {
+    /// The weight of a point at distance d of a radius r.
+    GatherKernel {
+        /// 1.
+        Constant = GPURT_GATHER_KERNEL_CONSTANT,
+        /// 1 - d / r.
+        Cone = GPURT_GATHER_KERNEL_CONE,
+        /// 1 - d² / r².
+        Quadratic = GPURT_GATHER_KERNEL_QUADRATIC,
+    }
+}
+
+c_enum! {
+    /// How points within a radius are found.
+    GatherMethod {
+        /// In the cells of a grid.
+        Grid = GPURT_GATHER_GRID,
+        /// In lists of those within the radius of a kd-tree's leaves: a reference to compare with.
+        NodeLists = GPURT_GATHER_NODE_LISTS,
+    }
+}

@@ -3,7 +3,7 @@
 //! A [`Device`] does the work. A [`Scene`] describes geometry, materials, lights and cameras;
 //! [`Scene::commit`] builds its acceleration structure. Then rays are cast with [`Scene::closest`],
 //! [`Scene::occluded`] and [`Scene::all`], and images rendered with [`Scene::render`] or, with full control,
-//! through a [`Frame`] and its [`Job`]s.
+//! through a [`Frame`] and its [`Job`]s. A [`PhotonMap`] finds points near places.
 //!
 //! ```
 //! use gpurt::{Device, Mesh, Ray, Scene, IDENTITY};
@@ -42,6 +42,7 @@ mod error;
 mod frame;
 mod job;
 mod mesh;
+mod photons;
 mod scene;
 mod schedule;
 mod trace;
@@ -56,6 +57,7 @@ pub use error::{Error, Result};
 pub use frame::{Frame, FrameDesc, Image, Pixel, StateInfo, Statistics};
 pub use job::{Job, RenderDesc, Tile};
 pub use mesh::{Mesh, Patches, Subdivision};
+pub use photons::{NearestPoints, PhotonMap, PhotonMapDesc, PhotonMapInfo, PointLists, Within};
 pub use scene::{BuildDesc, Scene, SceneFacts};
 pub use schedule::{Schedule, ScheduleCounters};
 pub use trace::{AllHits, Hit, HitCompact, HitRecord, Ray};

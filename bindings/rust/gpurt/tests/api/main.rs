@@ -4,6 +4,7 @@ mod bits;
 mod device_memory;
 mod errors;
 mod objects;
+mod photons;
 mod render;
 mod room;
 mod trace;

@@ -1,0 +1,80 @@
+// What the kernels of photon maps do, for host code: each function queues work on a stream. Sizes are checked by callers.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include "core/photon/map_query.h"
+#include "core/photon/photon_source.h"
+
+namespace gpurt::cuda {
+
+/// What looking through points finds, in device memory. Floats are ordered_bits.
+struct DevicePointsFound {
+  uint32_t lo[3], hi[3];
+  uint32_t bad_position, bad_flux, bad_normal;  // the first index; invalid_id: none
+};
+void launch_look_through(const PhotonSource &source, DevicePointsFound *found, cudaStream_t stream);
+Box bounds_of(const DevicePointsFound &found);
+
+/// How the points of a grid fill its table.
+struct DeviceFill {
+  unsigned long long sum_of_squares;
+  uint32_t fullest;
+};
+void launch_fill(const uint32_t *starts, uint32_t table_size, DeviceFill *fill, cudaStream_t stream);
+
+/// The arrays of a grid to be built; those not wanted are null.
+struct GridTarget {
+  uint32_t *starts;
+  PhotonProbe *probes;
+  PhotonRest *rests;
+  uint32_t *indices;
+  bool ids_for_fluxes;  // the index in place of the flux
+};
+/// Working memory of a build.
+uint64_t grid_build_bytes(const GridShape &shape, const PhotonSource &source, const GridTarget &target);
+void launch_build_grid(const GridShape &shape, const PhotonSource &source, const GridTarget &target,
+                       void *memory, cudaStream_t stream);
+
+/// The records of a grid's points, in the order of their indices.
+void launch_read_grid(const PhotonGrid &grid, bool has_fluxes, Photon *records, cudaStream_t stream);
+
+/// Indices of queries, by the cells that they lie in; null where the memory is null: unsorted.
+uint64_t query_order_bytes(uint64_t num_queries);
+const uint32_t *launch_query_order(const GridShape &shape, const Vec3f *positions, uint32_t num_queries,
+                                   void *memory, uint64_t memory_bytes, cudaStream_t stream);
+
+/// Some of the queries of a batch, in device memory; arrays that are not wanted are null.
+struct DeviceGather {
+  RangeQuery range;
+  const Vec3f *positions, *normals;
+  const uint32_t *order;  // null: as they are
+  uint32_t num_queries;
+  uint32_t *counts;
+  Vec3f *sums;
+  const uint64_t *offsets;  // of each query's list, less first_listed
+  uint64_t first_listed;
+  uint32_t *ids;
+  float *distances;
+};
+void launch_count(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream);
+void launch_sum(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream);
+void launch_list(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream);
+
+/// offsets[n + 1] = first + sums of counts[n].
+uint64_t offsets_bytes(uint32_t n);
+void launch_offsets(const uint32_t *counts, uint32_t n, uint64_t first, uint64_t *offsets, void *memory,
+                    uint64_t memory_bytes, cudaStream_t stream);
+
+struct DeviceNearest {
+  const Vec3f *positions;
+  const uint32_t *order;
+  uint32_t num_queries;
+  uint32_t k;
+  float limit, hint;
+  uint32_t *counts, *ids;
+  float *distances;
+};
+void launch_nearest(const PhotonLevels &levels, const DeviceNearest &nearest, cudaStream_t stream);
+
+}  // namespace gpurt::cuda
