@@ -32,6 +32,8 @@ SANITIZED = {
     "cuda/cuda_schedules": "CudaSchedules.OfQueriesGive*:CudaSchedules.OfRenders*",
     "cuda/cuda_device": "CudaDevice.*:CudaMemory.RunsOutAtTheLimit*:CudaMemory.OfLittle*:CudaMemory.IsGivenBack:CudaThreads.*",
     "cuda/cuda_device_memory": "*Cuda*",
+    "cuda/cuda_photon_memory": "*Cuda*",
+    "conformance/test_photons": "Cuda*Nearest*:Cuda*NoneInAn*:Cuda*Chooses*:Cuda*File*",
 }
 # Races are looked for, at some fifty times the run time, where threads of a block share memory.
 RACE_CHECKED = {
