@@ -11,8 +11,10 @@
 #include "core/accel/kd_tree.h"
 #include "core/accel/ray.h"
 #include "core/path/path_settings.h"
+#include "core/photon/photon.h"
 #include "frame/film.h"
 #include "memory.h"
+#include "photon_pass.h"
 #include "scene/compiled_scene.h"
 #include "schedule.h"
 
@@ -117,6 +119,23 @@ struct RenderCounters {
   double generate_seconds = 0, trace_seconds = 0, shade_seconds = 0, shadow_seconds = 0, film_seconds = 0;
   float largest_sample = 0;
   ScheduleCounters schedule;
+  PhotonCounters photon;
+};
+
+/// What a pass of photon mapping needs beside a path tracer's settings.
+struct PhotonRequest {
+  PhotonSettings settings;
+  EmissionView emission;  // in host memory
+};
+
+/// A few photons and points that see them, from which the initial radius follows.
+struct PhotonPilot {
+  struct Point {
+    Vec3f position;
+    uint32_t normal_code;
+  };
+  std::vector<Photon> photons;
+  std::vector<Point> points;
 };
 
 /// One pass: units in any order, on all workers of the backend.
@@ -124,7 +143,9 @@ struct RenderPass {
   PathSettings settings;
   uint32_t outputs = 0;  // bits 1 << gpurt_output that the film has arrays for
   std::span<const WorkUnit> units;
-  Schedule schedule;                             // resolved
+  const PhotonRequest *photon =
+      nullptr;        // photon mapping: units then have one sample each; null: path tracing
+  Schedule schedule;  // resolved
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
   /// Takes the finished samples of a unit; called from any thread. A unit is delivered whole or not at all.
   std::function<void(const WorkUnit &, const TileFilm &, const RenderCounters &)> deliver;
@@ -137,6 +158,12 @@ class CommittedScene {
   virtual const AccelFacts &accel_facts() const = 0;
   virtual void trace(const TraceRequest &request) const = 0;
   virtual void render(const RenderPass &pass) const = 0;
+  /// Throws UNSUPPORTED where the device has no photon mapping.
+  virtual void require_photons() const;
+  /// Traces num_photons and finds the visible points of pixels in points_per_axis^2 places of the image. The same bits on
+  /// every device. Throws UNSUPPORTED, OUT_OF_MEMORY.
+  virtual PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission,
+                                   uint32_t num_photons, uint32_t points_per_axis) const;
   /// Throws INVALID_ARGUMENT where there is no such kd-tree.
   virtual HostKdTree export_tree(uint32_t tree) const = 0;
   /// The schedule with values for what was left to the library. Throws UNSUPPORTED naming what is not there.
@@ -145,6 +172,21 @@ class CommittedScene {
     return resolve_fused_schedule(asked, "this device");
   }
 };
+
+inline void CommittedScene::require_photons() const
+{
+  fail(GPURT_ERROR_UNSUPPORTED,
+       "GPURT_PIPELINE_PHOTON is not supported by this device; use a CPU device, or GPURT_PIPELINE_PATH with "
+       "more "
+       "samples per pixel where caustics matter");
+}
+
+inline PhotonPilot CommittedScene::photon_pilot(const PathSettings &, const EmissionView &, uint32_t,
+                                                uint32_t) const
+{
+  require_photons();
+  return {};
+}
 
 /// What a committed scene may offer beside CommittedScene: queries that are queued on the caller's stream. The handles are
 /// those of gpurt_cuda.h; null: none.

@@ -7,6 +7,7 @@
 #include "api/read_schedule.h"
 #include "frame/job.h"
 #include "frame/state_file.h"
+#include "photon_desc.h"
 #include "planner/plan.h"
 #include "schedule_desc.h"
 
@@ -66,7 +67,11 @@ gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc
     require(out_job, "out_job");
     check_enum(d.pipeline, GPURT_PIPELINE_HYBRID + 1, "pipeline", "gpurt_pipeline");
     const Schedule asked = checked_schedule(d.schedule);
+    check_enum(d.photon.estimator, GPURT_PHOTON_ESTIMATOR_ADAPTIVE + 1, "photon.estimator",
+               "gpurt_photon_estimator");
+    check_enum(d.photon.kernel, GPURT_PHOTON_KERNEL_CONE + 1, "photon.kernel", "gpurt_photon_kernel");
     RenderPlan plan = plan_render(d);
+    if (plan.desc.pipeline == GPURT_PIPELINE_PHOTON) f->commit->committed->require_photons();
     plan.desc.schedule = describe(f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
     const auto object = std::make_shared<JobObject>();
     object->frame = f;
@@ -148,6 +153,7 @@ gpurt_result gpurt_state_read_info(const char *path, gpurt_state_info *out_info)
     info.accel = gpurt_accel(state.accel);
     info.triangle_test = gpurt_triangle_test(state.triangle_test);
     info.max_depth = state.totals.max_depth;
+    info.photon = describe(state.totals.photon);
     write_output(out_info, info, "out_info");
   });
 }

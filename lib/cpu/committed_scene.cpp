@@ -8,6 +8,7 @@
 #include "core/accel/hit_ids.h"
 #include "cpu/kernels.h"
 #include "cpu/path/render.h"
+#include "cpu/photon/render.h"
 
 namespace gpurt {
 namespace {
@@ -46,7 +47,18 @@ CpuScene::CpuScene(std::shared_ptr<const CompiledScene> scene, std::unique_ptr<A
 
 void CpuScene::render(const RenderPass &pass) const
 {
+  if (pass.photon) {
+    render_photons_on_cpu(pass, {accel(), view_, photon_kernels(cpu_kernels().isa), *arena_, memory_});
+    return;
+  }
   render_on_cpu(pass, accel(), view_, path_kernel(cpu_kernels().isa), *arena_, memory_);
+}
+
+PhotonPilot CpuScene::photon_pilot(const PathSettings &settings, const EmissionView &emission,
+                                   uint32_t num_photons, uint32_t points_per_axis) const
+{
+  return photon_pilot_on_cpu(settings, emission, num_photons, points_per_axis,
+                             {accel(), view_, photon_kernels(cpu_kernels().isa), *arena_, memory_});
 }
 
 void CpuScene::trace(const TraceRequest &request) const

@@ -6,6 +6,8 @@
 
 #include "frame/error_estimate.h"
 #include "frame/outputs.h"
+#include "frame/photon_settings.h"
+#include "photon_desc.h"
 #include "schedule_desc.h"
 
 namespace gpurt {
@@ -149,7 +151,7 @@ void Frame::read(gpurt_output output, void *data, uint64_t size_bytes) const
 }
 
 // Under jobs_mutex_.
-void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth)
+void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpurt_photon_settings &photon)
 {
   const std::scoped_lock lock(totals_mutex_);
   FrameTotals &t = state_.totals;
@@ -162,8 +164,26 @@ void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth)
   if (!is_free && t.pipeline != pipeline) {
     fail_invalid("the frame holds samples of another pipeline; create a new frame for this one");
   }
+  if (pipeline == GPURT_PIPELINE_PHOTON) {
+    const uint64_t num_pixels = uint64_t(state_.settings.width) * state_.settings.height;
+    t.photon = resolve_photon_settings(photon, is_free ? PhotonSettings{} : t.photon, num_pixels);
+  }
   t.pipeline = pipeline;
   t.max_depth = max_depth;
+}
+
+// Of the job that renders: no other changes the settings meanwhile.
+PhotonSettings Frame::photon_settings(const EmissionView &emission)
+{
+  const FrameTotals t = totals();
+  PhotonSettings settings = t.photon;
+  if (settings.initial_radius == 0) {
+    settings.initial_radius = choose_initial_radius(*scene_.committed, path_settings(t.max_depth), emission,
+                                                    settings.photons_per_pass);
+    const std::scoped_lock lock(totals_mutex_);
+    state_.totals.photon = settings;
+  }
+  return settings;
 }
 
 PathSettings Frame::path_settings(uint32_t max_depth) const
@@ -305,6 +325,8 @@ void Frame::statistics(gpurt_statistics &out) const
   out.memory_peak_bytes = scene_.memory ? scene_.memory->peak() : 0;
   out.schedule = last_schedule_;
   out.schedule_counters = describe(c.schedule);
+  out.photon = describe(t.photon);
+  out.photon_counters = describe(c.photon);
   std::memset(out.reason, 0, sizeof out.reason);
   reason_.copy(out.reason, sizeof out.reason - 1);
 }

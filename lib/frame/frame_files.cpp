@@ -65,6 +65,25 @@ const char *test_name(TriangleTest test)
 // Own accelerators give the same hits, so their samples belong to one image; Embree's do not promise that.
 bool same_hits(Accel a, Accel b) { return (a == Accel::Embree) == (b == Accel::Embree); }
 
+const char *pipeline_text(gpurt_pipeline pipeline)
+{
+  switch (pipeline) {
+    case GPURT_PIPELINE_PATH:
+      return "path";
+    case GPURT_PIPELINE_PHOTON:
+      return "photon";
+    default:
+      return "none";
+  }
+}
+
+std::string text_of(const PhotonSettings &s)
+{
+  return fmt::format("photons_per_pass={} initial_radius={} estimator=memoryless kernel={} remedies={:#x}",
+                     s.photons_per_pass, s.initial_radius,
+                     s.kernel == PhotonKernel::Cone ? "cone" : "constant", s.remedies);
+}
+
 std::string text_of(std::span<const SampleRange> ranges)
 {
   std::string text = "samples";
@@ -93,18 +112,20 @@ void Frame::save_exr(const std::string &path) const
 
   const FrameSettings &s = state_.settings;
   const FrameTotals t = totals();
-  const ExrAttributes attributes = {
+  ExrAttributes attributes = {
       {"gpurt:version",
        fmt::format("{}.{}.{}", GPURT_VERSION_MAJOR, GPURT_VERSION_MINOR, GPURT_VERSION_PATCH)},
       {"gpurt:settings",
        fmt::format(
            "pipeline={} accel={} triangle_test={} max_depth={} camera={} frame_index={} first_sample={}",
-           t.pipeline == GPURT_PIPELINE_PATH ? "path" : "none", accel_name(state_.accel),
-           test_name(state_.triangle_test), t.max_depth, s.camera, s.frame_index, s.first_sample)},
+           pipeline_text(t.pipeline), accel_name(state_.accel), test_name(state_.triangle_test), t.max_depth,
+           s.camera, s.frame_index, s.first_sample)},
       {"gpurt:seed", fmt::format("{}", s.seed)},
       {"gpurt:samples", fmt::format("{}", smallest_sample_count())},
       {"gpurt:sceneHash", fmt::format("{:016x}", state_.scene_hash)},
   };
+
+  if (t.photon.photons_per_pass != 0) attributes.push_back({"gpurt:photon", text_of(t.photon)});
 
   std::vector<uint32_t> row(size_t(s.width) * 3);  // of one output, components interleaved
   const ExrFill fill = [&](uint32_t y0, uint32_t y1, const std::vector<void *> &planes) {
@@ -169,6 +190,7 @@ void Frame::check_same_image(const FrameState &other, const std::string &other_n
   if (ours.max_depth != 0 && other.totals.max_depth != 0) {
     require("max_depth", ours.max_depth, other.totals.max_depth);
     require("pipeline", int(ours.pipeline), int(other.totals.pipeline));
+    require("photon mapping", text_of(ours.photon), text_of(other.totals.photon));
   }
   if (!same_hits(state_.accel, other.accel)) {
     fail_invalid(
@@ -249,6 +271,7 @@ void Frame::merge_state(const FrameState &other, const std::string &other_name)
   if (t.max_depth == 0) {
     t.max_depth = other.totals.max_depth;
     t.pipeline = other.totals.pipeline;
+    t.photon = other.totals.photon;
   }
   add_counters(t.counters, other.totals.counters);
   t.num_saturated += other.totals.num_saturated + num_saturated;

@@ -55,8 +55,9 @@ gpurt_render_desc resolve(gpurt_render_desc desc, const FrameSettings &frame,
   if (desc.pipeline == GPURT_PIPELINE_AUTO) desc.pipeline = GPURT_PIPELINE_PATH;
   const char *name = pipeline_name(desc.pipeline);
   if (!name) fail_invalid("pipeline is {}; it is none of gpurt_pipeline", int(desc.pipeline));
-  if (desc.pipeline != GPURT_PIPELINE_PATH) {
-    fail(GPURT_ERROR_UNSUPPORTED, "the pipeline {} is not supported by this version; use path or auto", name);
+  if (desc.pipeline != GPURT_PIPELINE_PATH && desc.pipeline != GPURT_PIPELINE_PHOTON) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "the pipeline {} is not supported by this version; use path, photon or auto", name);
   }
   if (!(desc.target_error >= 0) || std::isinf(desc.target_error))
     fail_invalid("target_error is {}; it must be 0 or a positive number", desc.target_error);
@@ -75,6 +76,8 @@ gpurt_render_desc resolve(gpurt_render_desc desc, const FrameSettings &frame,
         area(tiles), uint64_t(frame.width) * frame.height);
   }
   if (desc.max_depth == 0) desc.max_depth = default_depth;
+  if (desc.pipeline == GPURT_PIPELINE_PHOTON && desc.max_depth > max_photon_depth)
+    fail_invalid("max_depth is {}; photon mapping has at most {}", desc.max_depth, max_photon_depth);
   if (desc.tile_size == 0) desc.tile_size = choose_tile_size(tiles, num_threads);
   return desc;
 }
@@ -99,7 +102,7 @@ std::shared_ptr<Job> Job::submit(std::shared_ptr<Frame> frame, const gpurt_rende
         "first",
         frame->first_gap_ % settings.width, frame->first_gap_ / settings.width);
   }
-  frame->begin_samples(resolved.pipeline, resolved.max_depth);
+  frame->begin_samples(resolved.pipeline, resolved.max_depth, resolved.photon);
   frame->jobs_.push_back(job.get());
   try {
     job->thread_ = std::thread(&Job::run, job.get());
@@ -216,6 +219,11 @@ void Job::render()
 {
   start_seconds_ = steady_seconds();
   frame_->set_outcome(desc_.tile_size, desc_.schedule, "rendering");
+  if (has_photons()) {
+    emission_ = make_emission_table(*frame_->scene().compiled);
+    photon_request_.emission = emission_.view();
+    photon_request_.settings = frame_->photon_settings(photon_request_.emission);
+  }
   regions_ = plan();
   uint64_t most = 0;
   for (const Region &r : regions_) most = std::max(most, r.num_samples);
@@ -260,10 +268,9 @@ void Job::render()
   }
   uint64_t fewest = ~uint64_t(0);
   for (const Region &r : regions_) fewest = std::min(fewest, r.num_samples);
-  frame_->set_outcome(
-      desc_.tile_size, desc_.schedule,
-      fmt::format("path is the only pipeline of this version; stopped at {} samples per pixel: {}", fewest,
-                  reason));
+  frame_->set_outcome(desc_.tile_size, desc_.schedule,
+                      fmt::format("pipeline {}; stopped at {} samples per pixel: {}",
+                                  pipeline_name(desc_.pipeline), fewest, reason));
   share_ = 1;
   // A job that found nothing to do has done all of it too.
   const double done = std::max(1.0, double(done_));
@@ -273,6 +280,8 @@ void Job::render()
 // The level that the next pass goes to: a few samples further than those who have fewest.
 uint64_t Job::pass_samples(uint64_t num_samples, uint64_t from) const
 {
+  // The photons of a pass serve one sample of every pixel.
+  if (has_photons()) return std::min(num_samples, from + 1);
   const uint64_t unit_area = uint64_t(desc_.tile_size) * desc_.tile_size;
   uint64_t samples = std::clamp<uint64_t>(max_unit_paths / unit_area, 1, max_unit_samples);
   // Before anything is measured one sample is all that is safe.
@@ -315,6 +324,7 @@ void Job::render_pass(std::span<const WorkUnit> units)
   pass.settings = frame_->path_settings(desc_.max_depth);
   pass.outputs = frame_->settings().outputs;
   pass.units = units;
+  if (has_photons()) pass.photon = &photon_request_;
   pass.schedule = schedule_from(desc_.schedule);
   pass.cancelled = &cancelled_;
   pass.deliver = [&](const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters) {

@@ -12,6 +12,7 @@
 
 #include "frame/frame.h"
 #include "frame/passes.h"
+#include "scene/emission_table.h"
 
 namespace gpurt {
 
@@ -41,6 +42,7 @@ class Job {
   bool render_to(uint64_t num_samples);
   void render_pass(std::span<const WorkUnit> units);
   std::vector<Region> plan() const;
+  bool has_photons() const { return desc_.pipeline == GPURT_PIPELINE_PHOTON; }
   uint64_t pass_samples(uint64_t num_samples, uint64_t from) const;
   double elapsed_seconds() const;
   void report_progress(uint64_t new_samples);
@@ -54,6 +56,8 @@ class Job {
 
   // Of the job's thread.
   std::vector<Region> regions_;
+  EmissionTable emission_;  // of photon mapping
+  PhotonRequest photon_request_{};
   double start_seconds_ = 0;
   double seconds_per_path_ = 0;  // wall time, of the last pass; 0: not measured yet
 

@@ -164,6 +164,7 @@ void add_counters(RenderCounters &sum, const RenderCounters &other)
   sum.film_seconds += other.film_seconds;
   sum.largest_sample = std::max(sum.largest_sample, other.largest_sample);
   sum.schedule.add(other.schedule);
+  sum.photon.add(other.photon);
 }
 
 }  // namespace gpurt

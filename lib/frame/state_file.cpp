@@ -21,7 +21,7 @@ static_assert(sizeof(PixelSums) == 112 && sizeof(PixelFeatures) == 48 && sizeof(
               "the file holds these as they lie in memory: a change of layout needs a new format_version");
 
 constexpr char magic[8] = {'g', 'p', 'u', 'r', 't', 'f', 'r', 'm'};
-constexpr uint32_t format_version = 1;
+constexpr uint32_t format_version = 2;
 constexpr uint32_t library_version =
     GPURT_VERSION_MAJOR << 16 | GPURT_VERSION_MINOR << 8 | GPURT_VERSION_PATCH;
 
@@ -35,6 +35,7 @@ struct Header {
   uint64_t first_sample;
   uint64_t num_samples, num_camera_rays, num_bounce_rays, num_shadow_rays, num_nonfinite, num_saturated;
   double generate_seconds, trace_seconds, shade_seconds, shadow_seconds, film_seconds, render_seconds;
+  PhotonCounters photon_counters;
   Camera camera;
   float largest_sample;
   uint32_t width, height;
@@ -45,9 +46,11 @@ struct Header {
   uint32_t max_depth;
   uint32_t accel;
   uint32_t triangle_test;
+  PhotonSettings photon;
   uint32_t reserved;
 };
-static_assert(sizeof(Header) == 16 + 15 * 8 + sizeof(Camera) + 11 * 4 && sizeof(Header) % 8 == 0,
+static_assert(sizeof(PhotonCounters) == 80 && sizeof(PhotonSettings) == 16);
+static_assert(sizeof(Header) == 16 + 15 * 8 + 80 + sizeof(Camera) + 11 * 4 + 16 && sizeof(Header) % 8 == 0,
               "padding would be written");
 
 // Four lanes of multiply and rotate over 64-bit words. Each step is a bijection of its lane, so any damage within one
@@ -98,6 +101,8 @@ Header make_header(const FrameState &s)
   h.shadow_seconds = c.shadow_seconds;
   h.film_seconds = c.film_seconds;
   h.render_seconds = s.totals.render_seconds;
+  h.photon_counters = c.photon;
+  h.photon = s.totals.photon;
   h.camera = s.camera;
   h.largest_sample = c.largest_sample;
   h.width = s.settings.width;
@@ -134,6 +139,8 @@ FrameState state_from(const Header &h)
   c.shadow_seconds = h.shadow_seconds;
   c.film_seconds = h.film_seconds;
   c.largest_sample = h.largest_sample;
+  c.photon = h.photon_counters;
+  s.totals.photon = h.photon;
   s.totals.num_saturated = h.num_saturated;
   s.totals.render_seconds = h.render_seconds;
   return s;

@@ -1,6 +1,7 @@
 #include "planner/plan.h"
 
 #include <cmath>
+#include <cstring>
 
 #include "core/accel/kd_tree.h"
 #include "error.h"
@@ -95,15 +96,13 @@ RenderPlan plan_render(const gpurt_render_desc &desc)
   switch (d.pipeline) {
     case GPURT_PIPELINE_AUTO:
       d.pipeline = GPURT_PIPELINE_PATH;
-      plan.reason = "pipeline path: the only one of this version";
+      plan.reason = "pipeline path: the one that renders everything";
       break;
     case GPURT_PIPELINE_PATH:
       break;
     case GPURT_PIPELINE_PHOTON:
-      fail(GPURT_ERROR_UNSUPPORTED,
-           "GPURT_PIPELINE_PHOTON is not supported by this version; use GPURT_PIPELINE_PATH, with more "
-           "samples per pixel "
-           "where caustics matter");
+      plan.reason = "pipeline photon: as asked";
+      break;
     case GPURT_PIPELINE_REYES:
       fail(GPURT_ERROR_UNSUPPORTED,
            "GPURT_PIPELINE_REYES is not supported by this version; use GPURT_PIPELINE_PATH, with max_depth 2 "
@@ -114,6 +113,13 @@ RenderPlan plan_render(const gpurt_render_desc &desc)
            "GPURT_PIPELINE_HYBRID is not supported by this version; use GPURT_PIPELINE_PATH");
     default:
       fail_invalid("pipeline is {}; it must be a value of gpurt_pipeline", uint32_t(d.pipeline));
+  }
+  constexpr gpurt_photon_settings no_photons = GPURT_PHOTON_SETTINGS_INIT;
+  if (d.pipeline != GPURT_PIPELINE_PHOTON && std::memcmp(&d.photon, &no_photons, sizeof d.photon) != 0) {
+    fail_invalid(
+        "settings of photon mapping are set, but the pipeline is not GPURT_PIPELINE_PHOTON; leave photon "
+        "zero "
+        "or choose that pipeline");
   }
   if (!(d.target_error >= 0) || std::isinf(d.target_error)) {
     fail_invalid("target_error is {}; it must be 0 or a positive number", d.target_error);

@@ -550,8 +550,39 @@ TEST_F(Arguments, Submissions)
     expect_failure(wanted, part, part, [&] { return gpurt_frame_submit(frame, &d, nullptr, 0, job.out()); });
   };
   refuse_render("pipeline is 5", [](auto &d) { d.pipeline = gpurt_pipeline(5); });
-  for (const gpurt_pipeline pipeline : {GPURT_PIPELINE_PHOTON, GPURT_PIPELINE_REYES, GPURT_PIPELINE_HYBRID}) {
+  for (const gpurt_pipeline pipeline : {GPURT_PIPELINE_REYES, GPURT_PIPELINE_HYBRID}) {
     refuse_render("GPURT_PIPELINE_PATH", [=](auto &d) { d.pipeline = pipeline; }, GPURT_ERROR_UNSUPPORTED);
+  }
+  // Photon mapping's settings belong to its pipeline.
+  refuse_render("GPURT_PIPELINE_PHOTON", [](auto &d) { d.photon.photons_per_pass = 1; });
+  gpurt_frame_desc frame_desc = GPURT_FRAME_DESC_INIT;
+  frame_desc.width = frame_desc.height = 8;
+  Frame empty;  // another pipeline's samples would be refused first
+  ASSERT_EQ(gpurt_frame_create(scene, &frame_desc, empty.out()), GPURT_OK);
+  const auto refuse_photons = [&](const std::string &part, auto change,
+                                  gpurt_result wanted = GPURT_ERROR_INVALID_ARGUMENT) {
+    gpurt_render_desc d = GPURT_RENDER_DESC_INIT;
+    d.samples_per_pixel = 1;
+    d.pipeline = GPURT_PIPELINE_PHOTON;
+    change(d);
+    Job job;
+    expect_failure(wanted, part, part, [&] { return gpurt_frame_submit(empty, &d, nullptr, 0, job.out()); });
+  };
+  refuse_photons("photon.estimator is 4", [](auto &d) { d.photon.estimator = gpurt_photon_estimator(4); });
+  refuse_photons("photon.kernel is 3", [](auto &d) { d.photon.kernel = gpurt_photon_kernel(3); });
+  refuse_photons("photon.remedies is 0x20", [](auto &d) { d.photon.remedies = 32; });
+  refuse_photons("NONE stands alone", [](auto &d) {
+    d.photon.remedies = uint32_t(GPURT_PHOTON_REMEDY_NONE) | GPURT_PHOTON_REMEDY_SIDE;
+  });
+  refuse_photons("photon.initial_radius", [](auto &d) { d.photon.initial_radius = nan_value; });
+  refuse_photons("photon.initial_radius", [](auto &d) { d.photon.initial_radius = -1; });
+  refuse_photons("photon.reserved", [](auto &d) { d.photon.reserved = 1; });
+  refuse_photons("max_depth is 256", [](auto &d) { d.max_depth = 256; });
+  for (const gpurt_photon_estimator estimator :
+       {GPURT_PHOTON_ESTIMATOR_PER_PIXEL, GPURT_PHOTON_ESTIMATOR_ADAPTIVE}) {
+    refuse_photons(
+        "GPURT_PHOTON_ESTIMATOR_MEMORYLESS", [=](auto &d) { d.photon.estimator = estimator; },
+        GPURT_ERROR_UNSUPPORTED);
   }
   refuse_render("target_error", [](auto &d) { d.target_error = nan_value; });
   refuse_render("target_error", [](auto &d) { d.target_error = -1; });

@@ -26,7 +26,7 @@ ALLOWED = {
     "cpu": BROUGHT_BY_BACKEND | {"accel"},
     "cuda": BROUGHT_BY_BACKEND | {"accel"},
     "multi": BROUGHT_BY_BACKEND,
-    "frame": {"core", "image"},
+    "frame": {"core", "image", "scene/emission_table.h"},
     "image": {"core"},
     "scene": {"core", "image"},
     "planner": {"core", "frame", "scene"},

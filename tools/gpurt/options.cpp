@@ -34,6 +34,15 @@ constexpr Named pipelines[] = {{"auto", GPURT_PIPELINE_AUTO},
                                {"photon", GPURT_PIPELINE_PHOTON},
                                {"reyes", GPURT_PIPELINE_REYES},
                                {"hybrid", GPURT_PIPELINE_HYBRID}};
+constexpr Named kernels[] = {{"auto", GPURT_PHOTON_KERNEL_AUTO},
+                             {"constant", GPURT_PHOTON_KERNEL_CONSTANT},
+                             {"cone", GPURT_PHOTON_KERNEL_CONE}};
+constexpr Named remedies_known[] = {{"all", 0},
+                                    {"none", GPURT_PHOTON_REMEDY_NONE},
+                                    {"normal", GPURT_PHOTON_REMEDY_NORMAL},
+                                    {"plane", GPURT_PHOTON_REMEDY_PLANE},
+                                    {"side", GPURT_PHOTON_REMEDY_SIDE},
+                                    {"boundary", GPURT_PHOTON_REMEDY_BOUNDARY}};
 constexpr Named outputs[] = {{"color", GPURT_OUTPUT_COLOR},          {"alpha", GPURT_OUTPUT_ALPHA},
                              {"depth", GPURT_OUTPUT_DEPTH},          {"normal", GPURT_OUTPUT_NORMAL},
                              {"albedo", GPURT_OUTPUT_ALBEDO},        {"position", GPURT_OUTPUT_POSITION},
@@ -139,6 +148,51 @@ Device DeviceOptions::create(gpurt_device_type type) const
   return created;
 }
 
+void PhotonOptions::add_to(CLI::App &command)
+{
+  command
+      .add_option(
+          "--photons", photons,
+          "photon mapping: photons of a pass, which is one sample of every pixel; 0: about one a pixel")
+      ->type_name("N")
+      ->capture_default_str();
+  command
+      .add_option("--radius", radius, "photon mapping: radius of the first pass in metres; 0: from the scene")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("R")
+      ->capture_default_str();
+  command.add_option("--photon-kernel", kernel, "photon mapping: auto, constant or cone")
+      ->check(one_of(kernels))
+      ->type_name("NAME")
+      ->capture_default_str();
+  command
+      .add_option(
+          "--photon-remedies", remedies,
+          "photon mapping: what is done about photons of other surfaces: all, none or some of normal, "
+          "plane, side, boundary")
+      ->check(one_of(remedies_known))
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->type_name("A,B,...");
+}
+
+gpurt_photon_settings PhotonOptions::settings() const
+{
+  gpurt_photon_settings settings = GPURT_PHOTON_SETTINGS_INIT;
+  settings.photons_per_pass = photons;
+  settings.initial_radius = radius;
+  settings.kernel = gpurt_photon_kernel(value_in(kernels, kernel, "--photon-kernel"));
+  for (const std::string &name : remedies) {
+    if (name == "all") {
+      settings.remedies |= uint32_t(GPURT_PHOTON_REMEDY_NORMAL) | GPURT_PHOTON_REMEDY_PLANE |
+                           GPURT_PHOTON_REMEDY_SIDE | GPURT_PHOTON_REMEDY_BOUNDARY;
+    } else {
+      settings.remedies |= value_in(remedies_known, name, "--photon-remedies");
+    }
+  }
+  return settings;
+}
+
 void BuildOptions::add_to(CLI::App &command)
 {
   command
@@ -192,6 +246,10 @@ std::string in_options(std::string text)
       {"GPURT_TRIANGLE_DOUBLE", "--triangle-test double"},
       {"memory_limit_bytes", "--memory-limit"},
       {"num_threads", "--threads"},
+      {"photon.photons_per_pass", "--photons"},
+      {"photon.initial_radius", "--radius"},
+      {"photon.kernel", "--photon-kernel"},
+      {"photon.remedies", "--photon-remedies"},
       {"samples_per_pixel", "--spp"},
       {"target_error", "--error"},
       {"time_limit_s", "--time"},

@@ -21,6 +21,17 @@ struct DeviceOptions {
 };
 
 /// --accel, --triangle-test, --build-quality, --tree-cache.
+/// --photons and what else photon mapping is set with.
+struct PhotonOptions {
+  uint32_t photons = 0;
+  float radius = 0;
+  std::string kernel = "auto";
+  std::vector<std::string> remedies;
+
+  void add_to(CLI::App &command);
+  gpurt_photon_settings settings() const;
+};
+
 struct BuildOptions {
   std::string accel = "auto";
   std::string triangle_test = "watertight";

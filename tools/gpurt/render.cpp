@@ -17,6 +17,7 @@ struct RenderOptions {
   OutputOptions output;
   DeviceOptions device;
   BuildOptions build;
+  PhotonOptions photon;
   std::string pipeline = "auto";
   uint32_t width = 0, height = 0, camera = 0, samples = 0, tile = 0, max_depth = 0, frame_index = 0;
   float error = 0;
@@ -33,6 +34,7 @@ Output goes by extension: .exr holds linear radiance and every --aov as a named 
 Examples:
   gpurt render cornell.glb -o cornell.png                     64 samples per pixel
   gpurt render cornell.glb -o c.exr -o c.png --error 0.001    until the estimated relMSE is below 0.001
+  gpurt render glass.glb -o glass.exr --pipeline photon       where caustics matter: 64 passes of photons
   gpurt render city.glb -o city.exr --time 60 --aov normal,albedo,depth
   gpurt render city.glb -o city.png --state city.gpurt --spp 256     Ctrl-C, and go on with the same command
   gpurt render a.glb -o part0.gpurt --spp 128 --first-sample 0       on one machine,
@@ -62,6 +64,7 @@ void take_settings(RenderOptions &o, const gpurt_state_info &info, const CLI::Ap
   if (!is_given("--first-sample")) desc.first_sample = info.first_sample;
   if (!is_given("--aov")) desc.outputs = info.outputs;
   if (!is_given("--max-depth")) o.max_depth = info.max_depth;
+  if (!is_given("--pipeline")) o.pipeline = name_of(info.pipeline);
   if (!is_given("--accel")) o.build.accel = name_of(info.accel);
   if (!is_given("--triangle-test")) o.build.triangle_test = name_of(info.triangle_test);
 }
@@ -153,6 +156,7 @@ void run(RenderOptions o, const CLI::App &command)
   render.time_limit_s = o.time;
   render.max_depth = o.max_depth;
   render.tile_size = o.tile;
+  render.photon = o.photon.settings();
   Job job;
   check(gpurt_frame_submit(frame, &render, nullptr, 0, job.out()));
   const bool was_interrupted = wait_with_progress(job, o.device.quiet);
@@ -173,7 +177,9 @@ void add_render_command(CLI::App &program)
   command->footer(examples);
   command->add_option("scene", o->scene, "glTF 2.0 file, .glb or .gltf")->required()->type_name("SCENE");
   o->output.add_to(*command);
-  command->add_option("--pipeline", o->pipeline, "auto, path, photon, reyes or hybrid; this version has path")
+  command
+      ->add_option("--pipeline", o->pipeline,
+                   "auto (path), path, photon, reyes or hybrid; this version has path and, on CPUs, photon")
       ->check(CLI::IsMember({"auto", "path", "photon", "reyes", "hybrid"}))
       ->type_name("NAME")
       ->capture_default_str();
@@ -230,6 +236,7 @@ void add_render_command(CLI::App &program)
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("A,B,...");
+  o->photon.add_to(*command);
   command->add_option("--state", o->state, "go on from this .gpurt file if it is there, and save to it")
       ->type_name("FILE");
   command->add_option("--stats", o->stats, "write statistics as JSON")->type_name("FILE");

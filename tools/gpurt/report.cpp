@@ -96,6 +96,25 @@ Json to_json(const gpurt_schedule &s)
           {"ray_budget", s.ray_budget}};
 }
 
+Json to_json(const gpurt_photon_settings &s, const gpurt_photon_counters &c)
+{
+  return {{"photons_per_pass", s.photons_per_pass},
+          {"initial_radius", s.initial_radius},
+          {"estimator", "memoryless"},
+          {"kernel", s.kernel == GPURT_PHOTON_KERNEL_CONE ? "cone" : "constant"},
+          {"remedies", s.remedies},
+          {"num_emitted", c.num_emitted},
+          {"num_rays", c.num_rays},
+          {"num_stored", c.num_stored},
+          {"num_gathered", c.num_gathered},
+          {"num_visible", c.num_visible},
+          {"num_sub_passes", c.num_sub_passes},
+          {"trace_seconds", c.trace_seconds},
+          {"build_seconds", c.build_seconds},
+          {"gather_seconds", c.gather_seconds},
+          {"smallest_radius", c.smallest_radius}};
+}
+
 Json to_json(const gpurt_statistics &s)
 {
   return {{"pipeline", name_of(s.pipeline)},
@@ -126,6 +145,7 @@ Json to_json(const gpurt_statistics &s)
           {"largest_sample", s.largest_sample},
           {"memory_peak_bytes", s.memory_peak_bytes},
           {"schedule", to_json(s.schedule)},
+          {"photon", s.photon.photons_per_pass ? to_json(s.photon, s.photon_counters) : Json(nullptr)},
           {"reason", s.reason}};
 }
 
@@ -145,12 +165,18 @@ void print_summary(gpurt_device device, gpurt_frame frame, const std::vector<std
                    const std::string &state)
 {
   const gpurt_statistics s = statistics_of(frame);
-  const double rays = double(s.num_camera_rays + s.num_bounce_rays + s.num_shadow_rays);
+  const double rays =
+      double(s.num_camera_rays + s.num_bounce_rays + s.num_shadow_rays + s.photon_counters.num_rays);
   fmt::print("{} x {} pixels, {} samples each, {} with {} on {}\n", s.width, s.height, s.samples_per_pixel,
              name_of(s.pipeline), name_of(s.accel), properties_of(device).name);
   fmt::print("rendered in {} ({:.2f} million rays/s), built in {}, peak memory {}\n",
              format_seconds(s.render_seconds), s.render_seconds > 0 ? rays / s.render_seconds * 1e-6 : 0.0,
              format_seconds(s.build_seconds), format_bytes(s.memory_peak_bytes));
+  if (s.photon.photons_per_pass) {
+    fmt::print("{} photons a pass, {:.3g} million stored, radius {:.4g} to {:.4g}\n",
+               s.photon.photons_per_pass, double(s.photon_counters.num_stored) * 1e-6,
+               s.photon.initial_radius, s.photon_counters.smallest_radius);
+  }
   if (s.estimated_error >= 0)
     fmt::print("estimated relMSE {:.3g}, largest sample {:.4g}\n", s.estimated_error, s.largest_sample);
   if (s.num_nonfinite > 0) fmt::print("{} samples were not finite and left out\n", s.num_nonfinite);

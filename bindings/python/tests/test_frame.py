@@ -238,13 +238,13 @@ def test_a_dropped_job_is_cancelled(box):
     del job
     start = time.perf_counter()
     with pytest.raises(gpurt.Error):
-        frame.submit(pipeline="photon")
+        frame.submit(pipeline="reyes")
     frame.submit(spp=1, tiles=[(0, 0, 1, 1)]).wait()
     assert time.perf_counter() - start < 5
 
 
 def test_pipelines_that_do_not_exist_yet(box):
-    for pipeline in ("photon", "reyes", "hybrid"):
+    for pipeline in ("reyes", "hybrid"):
         with pytest.raises(gpurt.Unsupported):
             box.render(pipeline, width=8, height=8, spp=1)
 

@@ -55,17 +55,7 @@ struct PathVertex {
     const SurfaceHit surface = surface_at(scene, hit);
     const Material &material = scene.materials[surface.material];
     const Vec3f wo_world = -normalize(ray.direction);
-    const bool front = dot(surface.geometric_normal, wo_world) > 0.0f;
-
-    // Lamps that the ray met, weighed against having drawn them at the last vertex.
-    if (surface.light != invalid_id && (front || material.two_sided_emission)) {
-      float weight = 1.0f;
-      if (path.pdf > 0.0f) {
-        weight = power_heuristic(
-            path.pdf, lamp_pdf(scene, path.position, path.normal, surface.light, surface.position, wo_world));
-      }
-      path.radiance += path.throughput * material.emission * weight;
-    }
+    add_lamp(surface, material, wo_world, path);
 
     // The shading frame. Everything but glass is the same from both sides.
     Vec3f normal = surface.shading_normal;
@@ -88,7 +78,7 @@ struct PathVertex {
     continue_path(sink, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf), path);
   }
 
- private:
+  // The parts, for pipelines whose paths end elsewhere.
   GPURT_HD void add_environment(const Ray &ray, PathState &path) const
   {
     if (!scene.environment.is_present) return;
@@ -98,6 +88,20 @@ struct PathVertex {
       weight = power_heuristic(path.pdf, environment_light_pdf(scene, path.position, path.normal, w));
     }
     path.radiance = path.radiance + path.throughput * environment_radiance(scene, w) * weight;
+  }
+
+  // Lamps that the ray met, weighed against having drawn them at the last vertex.
+  GPURT_HD void add_lamp(const SurfaceHit &surface, const Material &material, Vec3f wo_world,
+                         PathState &path) const
+  {
+    const bool front = dot(surface.geometric_normal, wo_world) > 0.0f;
+    if (surface.light == invalid_id || !(front || material.two_sided_emission)) return;
+    float weight = 1.0f;
+    if (path.pdf > 0.0f) {
+      weight = power_heuristic(
+          path.pdf, lamp_pdf(scene, path.position, path.normal, surface.light, surface.position, wo_world));
+    }
+    path.radiance += path.throughput * material.emission * weight;
   }
 
   template <class Sink>

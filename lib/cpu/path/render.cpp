@@ -7,62 +7,15 @@
 #include <cstring>
 
 #include "core/path/path_pipeline.h"
+#include "cpu/path/wave_scratch.h"
 
 namespace gpurt {
 namespace {
-
-// Paths that run through the stages together: enough to fill the stages' loops, few enough to stay in a core's cache.
-constexpr uint32_t wave_capacity = 2048;
 
 double steady_seconds()
 {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
-
-// One thread's memory for a wave and for the film of its unit.
-class Scratch {
- public:
-  Scratch()
-      : paths_(wave_capacity),
-        hits_(wave_capacity),
-        rays_(wave_capacity),
-        next_rays_(wave_capacity),
-        shadow_slots_(wave_capacity),
-        shadow_rays_(wave_capacity),
-        ids_(4 * size_t(wave_capacity)),
-        contributions_(2 * size_t(wave_capacity)),
-        occluded_(wave_capacity)
-  {}
-
-  PathWave wave()
-  {
-    uint32_t *ids = ids_.data();
-    Vec3f *contributions = contributions_.data();
-    return {paths_.data(),
-            {rays_.data(), ids},
-            hits_.data(),
-            {next_rays_.data(), ids + wave_capacity},
-            {shadow_slots_.data(), ids + 2 * wave_capacity, contributions},
-            {shadow_rays_.data(), ids + 3 * wave_capacity, contributions + wave_capacity},
-            occluded_.data()};
-  }
-
-  static constexpr uint64_t bytes()
-  {
-    return uint64_t(wave_capacity) *
-           (sizeof(PathState) + sizeof(Hit) + 4 * (sizeof(Ray) + sizeof(uint32_t)) + 2 * sizeof(Vec3f) + 1);
-  }
-
-  TileFilm film;
-
- private:
-  std::vector<PathState> paths_;
-  std::vector<Hit> hits_;
-  std::vector<Ray> rays_, next_rays_, shadow_slots_, shadow_rays_;
-  std::vector<uint32_t> ids_;
-  std::vector<Vec3f> contributions_;
-  std::vector<uint8_t> occluded_;
-};
 
 RenderCounters counters_from(const PathKernelCounters &kernel, uint64_t num_samples)
 {
@@ -95,18 +48,18 @@ void render_on_cpu(const RenderPass &pass, const CpuAccel &accel, const SceneVie
                    tbb::task_arena &arena, const std::shared_ptr<MemoryTracker> &memory)
 {
   const uint64_t num_threads = uint64_t(arena.max_concurrency());
-  const Reservation reserved(memory, num_threads * (Scratch::bytes() + largest_film_bytes(pass)),
+  const Reservation reserved(memory, num_threads * (WaveScratch::bytes() + largest_film_bytes(pass)),
                              "rendering's working memory");
   const auto is_cancelled = [&] {
     return pass.cancelled != nullptr && pass.cancelled->load(std::memory_order_relaxed);
   };
 
   arena.execute([&] {
-    tbb::enumerable_thread_specific<Scratch> scratches;
+    tbb::enumerable_thread_specific<WaveScratch> scratches;
     tbb::parallel_for(
         tbb::blocked_range<size_t>(0, pass.units.size(), 1),
         [&](const tbb::blocked_range<size_t> &range) {
-          Scratch &scratch = scratches.local();
+          WaveScratch &scratch = scratches.local();
           const PathWave wave = scratch.wave();
           for (size_t k = range.begin(); k != range.end(); ++k) {
             const WorkUnit &unit = pass.units[k];

@@ -1,0 +1,120 @@
+// The gather: photons around a visible point, summed up exactly.
+//
+// Every contribution is rounded to 2^-32 of a photon's mean flux and added as an integer, so that the sum does not depend
+// on the order of photons, nor on how many maps they lie in: a pass that is split for want of memory has the same bits.
+// Source: Knaus and Zwicker 2011, memoryless progressive photon mapping; the tests against photons of other surfaces are
+// Jensen 2001, Section 7.
+#pragma once
+
+#include "core/photon/eye_wave.h"
+#include "core/photon/grid.h"
+
+namespace gpurt {
+
+struct PhotonSum {
+  int64_t flux[3];         // in units of 2^-32
+  uint32_t num_photons;    // that counted
+  uint32_t num_overflows;  // contributions beyond photon_sum_limit, which make the sample invalid
+};
+
+// Largest contribution of a photon: sums of 2^11 of them stay in range, and of 2^31 photons of the usual flux.
+constexpr float photon_sum_limit = 0x1p20f;
+
+// Cosine between the normals of a photon and of the point that gathers it: at least, where the remedy is on.
+constexpr float gather_min_cosine = 0.9f;
+// Distance of a photon from the tangent plane, in radii: at most.
+constexpr float gather_max_plane_distance = 0.1f;
+
+GPURT_FUNCTIONS_BEGIN
+
+GPURT_INLINE void clear(PhotonSum &sum) { sum = {{0, 0, 0}, 0, 0}; }
+
+// Weight of a photon at distance d; PhotonPass::scale has the norm.
+GPURT_INLINE float kernel_weight(PhotonKernel kernel, float d2, float inverse_radius)
+{
+  return kernel == PhotonKernel::Cone ? max(1.0f - sqrt(d2) * inverse_radius, 0.0f) : 1.0f;
+}
+
+GPURT_INLINE float min_normal_dot_cosine(uint32_t remedies)
+{
+  return remedies & remedy_normal ? gather_min_cosine : (remedies & remedy_side ? 0.0f : -2.0f);
+}
+
+GPURT_INLINE void gather_photons(const PhotonGrid &grid, const PhotonPass &pass, uint32_t max_depth,
+                                 const VisiblePoint &point, PhotonSum &sum)
+{
+  const float radius = pass.radius, inverse_radius = 1.0f / radius;
+  const int threshold = normal_threshold(min_normal_dot_cosine(pass.remedies));
+  const float max_plane_distance =
+      pass.remedies & remedy_plane ? gather_max_plane_distance * radius : infinity;
+  const uint32_t max_hits = max_depth - point.depth;
+  Vec3f s, t, wo;
+  if (point.alpha_ggx > 0.0f) {
+    make_frame(point.shading_normal, s, t);
+    wo = {dot(point.wo, s), dot(point.wo, t), dot(point.wo, point.shading_normal)};
+  }
+  gather(grid, point.position, radius, [&](uint64_t i, float d2, const PhotonProbe &probe) {
+    const PhotonRest rest = load_rest(grid, i);
+    if (rest.normal >> 24 > max_hits) return;
+    if (normal_dot(point.normal_code, rest.normal) <= threshold) return;
+    if (abs(dot(point.geometric_normal, probe.position - point.position)) > max_plane_distance) return;
+    Vec3f flux = decode_flux(probe.flux) * kernel_weight(pass.kernel, d2, inverse_radius);
+    if (point.alpha_ggx > 0.0f) {
+      const Vec3f d = -decode_direction(rest.direction);
+      const Vec3f wi{dot(d, s), dot(d, t), dot(d, point.shading_normal)};
+      if (!(wi.z > 0.0f)) return;
+      float pdf;
+      const Bsdf bsdf{MaterialType::Metal, point.color, point.alpha_ggx, 1.0f};
+      flux = flux * eval_bsdf(bsdf, wo, wi, pdf) * (1.0f / wi.z);
+    }
+    if (!(max_component(flux) <= photon_sum_limit)) {
+      ++sum.num_overflows;
+      return;
+    }
+    sum.flux[0] += int64_t(flux.x * 0x1p32f);
+    sum.flux[1] += int64_t(flux.y * 0x1p32f);
+    sum.flux[2] += int64_t(flux.z * 0x1p32f);
+    ++sum.num_photons;
+  });
+}
+
+// Radiance towards the eye of what a visible point gathered in a whole pass.
+GPURT_INLINE Vec3f gathered_radiance(const PhotonPass &pass, const VisiblePoint &point, const PhotonSum &sum)
+{
+  const float scale = pass.scale * 0x1p-32f / point.area;
+  return point.weight *
+         Vec3f{float(sum.flux[0]) * scale, float(sum.flux[1]) * scale, float(sum.flux[2]) * scale};
+}
+
+// What a path found. Not finite where a contribution was too large to be summed up.
+GPURT_INLINE Vec3f sample_radiance(const PhotonPass &pass, const PathState &path, const VisiblePoint &point,
+                                   const PhotonSum &sum)
+{
+  if (point.depth == 0) return path.radiance;
+  if (sum.num_overflows != 0) return vec3(infinity);
+  return path.radiance + gathered_radiance(pass, point, sum);
+}
+
+// Adds the wave's paths to the film: one call a pixel, as AddSamples.
+struct AddPhotonSamples {
+  PathUnit unit;
+  PathWave wave;
+  FilmView film;
+  PhotonPass pass;
+  const VisiblePoint *points;
+  const PhotonSum *sums;
+  uint32_t num_paths;
+
+  GPURT_HD void operator()(uint32_t i) const
+  {
+    const uint32_t num_pixels = film.width * film.height;
+    for (uint32_t k = i; k < num_paths; k += num_pixels) {
+      const PathSample sample = path_sample(unit, k);
+      const Vec3f radiance = sample_radiance(pass, wave.paths[k], points[k], sums[k]);
+      add_sample(film.pixels[sample.local], sample.sample, radiance, wave.paths[k].covered != 0);
+    }
+  }
+};
+
+GPURT_FUNCTIONS_END
+}  // namespace gpurt

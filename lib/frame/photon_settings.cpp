@@ -1,0 +1,115 @@
+#include "frame/photon_settings.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "core/photon/gather_photons.h"
+#include "core/photon/photon_wave.h"
+
+namespace gpurt {
+
+namespace {
+
+constexpr uint32_t fewest_photons = 1u << 12, most_photons = 1u << 22;  // of a pass, by default
+
+// Photons of a pass within the initial radius, in the median. The image's noise over all passes does not depend on it as
+// much as its blur: on boxes with caustics the error at equal time is flat from 5 to 20.
+constexpr uint32_t photons_in_radius = 10;
+constexpr uint32_t pilot_photons = 1u << 16;
+constexpr uint32_t pilot_points_per_axis = 16;
+
+void check_equal(const char *name, uint32_t asked, uint32_t made_with)
+{
+  if (asked == made_with) return;
+  fail_invalid("photon.{} is {}, but the frame holds samples made with {}; create a new frame for another",
+               name, asked, made_with);
+}
+
+}  // namespace
+
+PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const PhotonSettings &made_with,
+                                       uint64_t num_pixels)
+{
+  if (asked.estimator == GPURT_PHOTON_ESTIMATOR_PER_PIXEL ||
+      asked.estimator == GPURT_PHOTON_ESTIMATOR_ADAPTIVE) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "photon.estimator {} is not supported by this version; use GPURT_PHOTON_ESTIMATOR_MEMORYLESS",
+         int(asked.estimator));
+  }
+  constexpr uint32_t all_remedies = remedy_normal | remedy_plane | remedy_side | remedy_boundary;
+  const uint32_t none = GPURT_PHOTON_REMEDY_NONE;
+  if (asked.remedies > none || (asked.remedies & none && asked.remedies != none)) {
+    fail_invalid("photon.remedies is {:#x}; it is bits of gpurt_photon_remedy, and NONE stands alone",
+                 asked.remedies);
+  }
+  if (asked.reserved != 0) fail_invalid("photon.reserved is {}; it must be 0", asked.reserved);
+  if (!(asked.initial_radius >= 0) || std::isinf(asked.initial_radius)) {
+    fail_invalid("photon.initial_radius is {}; it must be 0 or a positive number", asked.initial_radius);
+  }
+
+  PhotonSettings s;
+  s.photons_per_pass = asked.photons_per_pass;
+  s.initial_radius = asked.initial_radius;
+  s.kernel = PhotonKernel(asked.kernel);
+  s.remedies = asked.remedies == none ? 0 : asked.remedies;
+  if (made_with.photons_per_pass == 0) {
+    if (s.photons_per_pass == 0)
+      s.photons_per_pass =
+          uint32_t(std::clamp<uint64_t>(std::bit_ceil(num_pixels), fewest_photons, most_photons));
+    if (asked.kernel == GPURT_PHOTON_KERNEL_AUTO) s.kernel = PhotonKernel::Constant;
+    if (asked.remedies == 0) s.remedies = all_remedies;
+    return s;
+  }
+  if (s.photons_per_pass != 0)
+    check_equal("photons_per_pass", s.photons_per_pass, made_with.photons_per_pass);
+  if (asked.kernel != GPURT_PHOTON_KERNEL_AUTO)
+    check_equal("kernel", asked.kernel, uint32_t(made_with.kernel));
+  if (asked.remedies != 0) check_equal("remedies", s.remedies, made_with.remedies);
+  if (s.initial_radius != 0 && s.initial_radius != made_with.initial_radius) {
+    if (made_with.initial_radius == 0) {
+      fail_invalid("photon.initial_radius is {}, but an earlier job of the frame takes it from the scene",
+                   s.initial_radius);
+    }
+    fail_invalid(
+        "photon.initial_radius is {}, but the frame holds samples made with {}; create a new frame for "
+        "another",
+        s.initial_radius, made_with.initial_radius);
+  }
+  return made_with;
+}
+
+float choose_initial_radius(const CommittedScene &scene, const PathSettings &path,
+                            const EmissionView &emission, uint32_t photons_per_pass)
+{
+  // Where nothing is gathered any radius does.
+  const float largest = emission.radius > 0 ? emission.radius : 1.0f;
+  if (!emission.cdf) return largest * 0x1p-7f;
+  const PhotonPilot pilot = scene.photon_pilot(path, emission, pilot_photons, pilot_points_per_axis);
+
+  // The pilot's photons are denser or sparser than those of a pass: an area that has n of the pass has this many of the
+  // pilot. At least one photon tells a distance.
+  const double ratio = double(pilot_photons) / photons_per_pass;
+  const double wanted = std::max(1.0, photons_in_radius * ratio);
+  const uint64_t k = uint64_t(std::min(wanted, 4096.0));
+  const double scale = std::sqrt(photons_in_radius * ratio / double(k));
+  const int threshold = normal_threshold(gather_min_cosine);
+  std::vector<float> radii, distances2;
+  for (const PhotonPilot::Point &point : pilot.points) {
+    distances2.clear();
+    for (const Photon &photon : pilot.photons) {
+      if (normal_dot(point.normal_code, photon.normal) > threshold)
+        distances2.push_back(length2(photon.position - point.position));
+    }
+    if (distances2.size() < k) continue;
+    const auto nth = distances2.begin() + std::ptrdiff_t(k - 1);
+    std::nth_element(distances2.begin(), nth, distances2.end());
+    radii.push_back(float(scale * std::sqrt(double(*nth))));
+  }
+  if (radii.empty()) return largest * (pilot.photons.empty() ? 0x1p-7f : 0x1p-3f);
+  const auto middle = radii.begin() + std::ptrdiff_t(radii.size() / 2);
+  std::nth_element(radii.begin(), middle, radii.end());
+  return std::clamp(*middle, largest * 0x1p-20f, largest);
+}
+
+}  // namespace gpurt
