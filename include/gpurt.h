@@ -673,6 +673,8 @@ typedef enum gpurt_generation {
   GPURT_GENERATION_SLOTS = 1, /* each hit has a slot for every ray it may make; empty ones are removed */
   GPURT_GENERATION_COUNTED =
       2, /* rays are counted first, the count is checked against ray_budget, then exactly these are made */
+  GPURT_GENERATION_REFILLED =
+      3, /* hits write the rays that there are, and new paths start where others have ended */
   GPURT_GENERATION_FORCE32 = 0x7fffffff
 } gpurt_generation;
 
@@ -704,9 +706,10 @@ typedef struct gpurt_schedule_counters {
   uint64_t counted_rays;     /* COUNTED: rays that were counted, and then made */
   uint64_t wave_splits;      /* COUNTED: times that a count was over the budget, so that a wave split */
   uint64_t device_ns;        /* queries: time on the device, without copies */
-  uint64_t reserved[5];      /* 0 */
+  uint64_t path_refills;     /* REFILLED: paths that started in the place of ones that had ended */
+  uint64_t reserved[4];      /* 0 */
 } gpurt_schedule_counters;
-#define GPURT_SCHEDULE_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0, 0, 0}}
+#define GPURT_SCHEDULE_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0, 0}}
 
 /* ---- Ray queries -------------------------------------------------------- */
 

@@ -10,7 +10,7 @@ enum class Launch : uint32_t { Auto = 0, Regular = 1, Persistent = 2 };
 enum class Fetch : uint32_t { Auto = 0, PerThread = 1, Packets = 2 };
 enum class Compaction : uint32_t { Auto = 0, BlockScan = 1, Pyramid = 2, NaiveScan = 3, LibraryScan = 4 };
 enum class Shading : uint32_t { Auto = 0, Immediate = 1, Sorted = 2 };
-enum class Generation : uint32_t { Auto = 0, Slots = 1, Counted = 2 };
+enum class Generation : uint32_t { Auto = 0, Slots = 1, Counted = 2, Refilled = 3 };
 
 /// gpurt_schedule after validation.
 struct Schedule {
@@ -34,7 +34,7 @@ void set_default(E &choice, E value)
 struct ScheduleCounters {
   uint64_t ray_refills = 0, list_rounds = 0, list_overflows = 0, mode_switches = 0, packets = 0,
            shared_triangles = 0, compactions = 0, sorted_hits = 0, counted_rays = 0, wave_splits = 0,
-           device_ns = 0;
+           device_ns = 0, path_refills = 0;
 
   void add(const ScheduleCounters &other)
   {
@@ -49,6 +49,7 @@ struct ScheduleCounters {
     counted_rays += other.counted_rays;
     wave_splits += other.wave_splits;
     device_ns += other.device_ns;
+    path_refills += other.path_refills;
   }
 };
 

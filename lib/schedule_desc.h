@@ -38,6 +38,7 @@ inline gpurt_schedule_counters describe(const ScheduleCounters &c)
   d.sorted_hits = c.sorted_hits;
   d.counted_rays = c.counted_rays;
   d.wave_splits = c.wave_splits;
+  d.path_refills = c.path_refills;
   d.device_ns = c.device_ns;
   return d;
 }

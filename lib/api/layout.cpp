@@ -59,7 +59,8 @@ static_assert(same(Compaction::NaiveScan, GPURT_COMPACTION_NAIVE_SCAN) &&
 static_assert(same(Shading::Immediate, GPURT_SHADING_IMMEDIATE) &&
               same(Shading::Sorted, GPURT_SHADING_SORTED));
 static_assert(same(Generation::Slots, GPURT_GENERATION_SLOTS) &&
-              same(Generation::Counted, GPURT_GENERATION_COUNTED));
+              same(Generation::Counted, GPURT_GENERATION_COUNTED) &&
+              same(Generation::Refilled, GPURT_GENERATION_REFILLED));
 static_assert(same(PhotonQueryKind::Count, GPURT_PHOTON_QUERY_COUNT) &&
               same(PhotonQueryKind::Sum, GPURT_PHOTON_QUERY_SUM));
 static_assert(same(PhotonQueryKind::List, GPURT_PHOTON_QUERY_LIST) &&

@@ -12,7 +12,7 @@ Schedule checked_schedule(const gpurt_schedule &d)
   check_enum(d.fetch, GPURT_FETCH_PACKETS + 1, "schedule.fetch", "gpurt_fetch");
   check_enum(d.compaction, GPURT_COMPACTION_LIBRARY_SCAN + 1, "schedule.compaction", "gpurt_compaction");
   check_enum(d.shading, GPURT_SHADING_SORTED + 1, "schedule.shading", "gpurt_shading");
-  check_enum(d.generation, GPURT_GENERATION_COUNTED + 1, "schedule.generation", "gpurt_generation");
+  check_enum(d.generation, GPURT_GENERATION_REFILLED + 1, "schedule.generation", "gpurt_generation");
   check_reserved(d.reserved[0], "schedule.reserved[0]");
   check_reserved(d.reserved[1], "schedule.reserved[1]");
   if (d.ray_budget == 1) {

@@ -13,7 +13,7 @@ namespace {
 constexpr uint32_t default_samples = 64;
 constexpr uint32_t default_depth = 17;
 // A pass ends with a device that runs empty: the fastest ones get passes that are long beside that.
-constexpr uint64_t max_unit_samples = 64;
+constexpr uint64_t max_unit_samples = 1024;
 constexpr uint64_t max_unit_paths = 65536;
 constexpr double unit_seconds = 0.05;  // what a unit may take a worker, so that cancelling is quick
 constexpr double progress_interval_seconds = 0.05;

@@ -232,7 +232,8 @@ FIELD(gpurt_schedule_counters, sorted_hits, 56);
 FIELD(gpurt_schedule_counters, counted_rays, 64);
 FIELD(gpurt_schedule_counters, wave_splits, 72);
 FIELD(gpurt_schedule_counters, device_ns, 80);
-FIELD(gpurt_schedule_counters, reserved, 88);
+FIELD(gpurt_schedule_counters, path_refills, 88);
+FIELD(gpurt_schedule_counters, reserved, 96);
 
 SIZE(gpurt_cuda_kernel, 128);
 FIELD(gpurt_cuda_kernel, name, 0);
@@ -502,6 +503,7 @@ SIZE(gpurt_shading, 4);
 VALUE(GPURT_GENERATION_AUTO, 0);
 VALUE(GPURT_GENERATION_SLOTS, 1);
 VALUE(GPURT_GENERATION_COUNTED, 2);
+VALUE(GPURT_GENERATION_REFILLED, 3);
 SIZE(gpurt_generation, 4);
 
 VALUE(GPURT_OUTPUT_COLOR, 0);

@@ -74,6 +74,8 @@ std::vector<NamedSchedule> pipelines(const ScheduleOptions &o)
   add("compaction: naive scan", [](gpurt_schedule &s) { s.compaction = GPURT_COMPACTION_NAIVE_SCAN; });
   add("compaction: library scan", [](gpurt_schedule &s) { s.compaction = GPURT_COMPACTION_LIBRARY_SCAN; });
   add("shading: sorted", [](gpurt_schedule &s) { s.shading = GPURT_SHADING_SORTED; });
+  add("generation: slots", [](gpurt_schedule &s) { s.generation = GPURT_GENERATION_SLOTS; });
+  add("generation: refilled", [](gpurt_schedule &s) { s.generation = GPURT_GENERATION_REFILLED; });
   add("generation: counted", [](gpurt_schedule &s) { s.generation = GPURT_GENERATION_COUNTED; });
   add("generation: counted, budget", [&](gpurt_schedule &s) {
     s.generation = GPURT_GENERATION_COUNTED;
@@ -133,6 +135,7 @@ Json to_json(const gpurt_schedule_counters &c)
   add("sorted_hits", c.sorted_hits);
   add("counted_rays", c.counted_rays);
   add("wave_splits", c.wave_splits);
+  add("path_refills", c.path_refills);
   return json.is_null() ? Json::object() : json;
 }
 

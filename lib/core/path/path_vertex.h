@@ -38,8 +38,8 @@ enum PathDimension : uint32_t {
 
 // The talk's material and light kernel, of one hit.
 struct PathVertex {
-  SceneView scene;
-  PathSettings settings;
+  const SceneView &scene;
+  const PathSettings &settings;
   uint32_t depth;  // of the ray that was traced: 1 is the eye ray
 
   // Adds emission to the path's radiance, and hands the rays that the hit makes to sink.shadow(ray, contribution,

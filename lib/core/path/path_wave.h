@@ -21,7 +21,8 @@ struct ShadowQueue {
 };
 
 // Pixels [x0, x1) x [y0, y1) with samples first_sample, first_sample + 1, ...: path i takes pixel i % pixels and sample
-// i / pixels of those, counted from `first_path` on.
+// i / pixels of those, counted from `first_path` on. Pixels go by tiles of 8 x 4 where that comes out even: neighbours in
+// both directions, rather than in a row alone, go the same way through a tree.
 struct PathUnit {
   uint32_t x0, y0, x1, y1;
   uint64_t first_sample;
@@ -52,9 +53,18 @@ GPURT_INLINE PathSample path_sample(const PathUnit &unit, uint32_t i)
   const uint64_t num_pixels = uint64_t(width) * (unit.y1 - unit.y0);
   const uint64_t k = unit.first_path + i;
   const uint64_t turn = k / num_pixels;
-  const uint32_t local = uint32_t(k - turn * num_pixels);
-  const uint32_t row = local / width;
-  return {unit.x0 + (local - row * width), unit.y0 + row, local, unit.first_sample + turn};
+  const uint32_t pixel = uint32_t(k - turn * num_pixels);
+  uint32_t x, y;
+  if (width % 8 == 0 && (unit.y1 - unit.y0) % 4 == 0) {
+    const uint32_t tile = pixel / 32, tiles_per_row = width / 8;
+    const uint32_t tile_y = tile / tiles_per_row, tile_x = tile - tile_y * tiles_per_row;
+    x = tile_x * 8 + pixel % 8;
+    y = tile_y * 4 + pixel / 8 % 4;
+  } else {
+    y = pixel / width;
+    x = pixel - y * width;
+  }
+  return {unit.x0 + x, unit.y0 + y, y * width + x, unit.first_sample + turn};
 }
 
 struct GenerateCameraRays {

@@ -35,6 +35,9 @@ struct RayOrder {
   uint32_t width = 0;  // rays are those of an image, row by row, of this many; 0: not
   uint32_t *scratch =
       nullptr;  // trace_scratch_words(num_rays) words of device memory; null: kernels without are taken
+  // Triangles that a ray is known not to meet, invalid_id for none; null: nothing is known. Closest hits look at the first
+  // alone.
+  const uint32_t *left_out = nullptr, *ended_at = nullptr;
 };
 uint64_t trace_scratch_words(uint64_t num_rays);
 

@@ -158,6 +158,8 @@ void launch_near(const TraceScene &scene, TraceQuery query, const Ray *rays, uin
   batch.results = results;
   batch.aligned_rays = is_aligned_16(rays);
   batch.aligned_results = is_aligned_16(results);
+  batch.left_out = order.left_out;
+  batch.ended_at = order.ended_at;
   batch.next_ray = order.scratch;
   batch.num_groups = order.scratch + 1;
   batch.num_listed = order.scratch + 2;

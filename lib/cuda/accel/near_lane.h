@@ -73,16 +73,22 @@ __device__ __forceinline__ void keep(Pending &pending, uint32_t reference)
   ++pending.count;
 }
 
+__device__ __forceinline__ uint32_t known_triangle(const uint32_t *known, uint32_t i)
+{
+  return known != nullptr ? __ldg(known + i) : invalid_id;
+}
+
 // Tests the triangles of a leaf for the closest hit, and lowers `end` where one is nearer.
 __device__ __forceinline__ void closest_in_leaf(const LeafTriangle *triangles, const NearRay &ray, float tmin,
-                                                uint32_t leaf, float &end, Pending &pending)
+                                                uint32_t leaf, uint32_t left_out, float &end,
+                                                Pending &pending)
 {
   const uint32_t first = leaf_first(leaf), past = first + leaf_size(leaf);
   for (uint32_t k = first; k < past; ++k) {
     const LeafTriangle x = load_triangle(triangles, k);
     HitInterval t;
     const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
-    if (verdict == EdgeVerdict::Outside || x.triangle == pending.triangle) continue;
+    if (verdict == EdgeVerdict::Outside || x.triangle == pending.triangle || x.triangle == left_out) continue;
     if (verdict == EdgeVerdict::Unclear) {
       pending.count = max_candidates + 1;
       continue;
@@ -103,14 +109,15 @@ __device__ __forceinline__ void closest_in_leaf(const LeafTriangle *triangles, c
 
 // True where a triangle of the leaf is hit for certain; keeps those that may be.
 __device__ __forceinline__ bool any_in_leaf(const LeafTriangle *triangles, const NearRay &ray, float tmin,
-                                            float tmax, uint32_t leaf, Pending &pending)
+                                            float tmax, uint32_t leaf, uint32_t left_out, uint32_t ended_at,
+                                            Pending &pending)
 {
   const uint32_t first = leaf_first(leaf), past = first + leaf_size(leaf);
   for (uint32_t k = first; k < past; ++k) {
     const LeafTriangle x = load_triangle(triangles, k);
     HitInterval t;
     const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
-    if (verdict == EdgeVerdict::Outside) continue;
+    if (verdict == EdgeVerdict::Outside || x.triangle == left_out || x.triangle == ended_at) continue;
     if (verdict == EdgeVerdict::Inside) {
       if (t.lower > tmax || t.upper < tmin) continue;
       if (t.lower >= tmin && t.upper <= tmax) return true;

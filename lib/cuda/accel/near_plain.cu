@@ -22,6 +22,7 @@ __global__ void __launch_bounds__(block_size, 8)
       pending.count = 0;
       pending.triangle = invalid_id;
       pending.lower = ray.tmax;
+      const uint32_t left_out = known_triangle(batch.left_out, i);
       float end = ray.tmax + r.end_offset;
       uint32_t stack[bvh_max_depth + 1];
       stack[0] = bvh_empty;
@@ -30,7 +31,7 @@ __global__ void __launch_bounds__(block_size, 8)
       for (;;) {
         while (!is_bvh_leaf(current)) step<true>(s.world.tree.nodes, r, end, current, stack, top);
         if (current == bvh_empty) break;
-        closest_in_leaf(s.world.triangles, r, ray.tmin, current, end, pending);
+        closest_in_leaf(s.world.triangles, r, ray.tmin, current, left_out, end, pending);
         current = pop(stack, top);
       }
     }
@@ -52,6 +53,7 @@ __global__ void __launch_bounds__(block_size, 8)
   NearRay r;
   if (make_near_ray(ray, s.world.tree, r)) {
     pending.count = 0;
+    const uint32_t left_out = known_triangle(batch.left_out, i), ended_at = known_triangle(batch.ended_at, i);
     const float end = ray.tmax + r.end_offset;
     uint32_t stack[bvh_max_depth + 1];
     stack[0] = bvh_empty;
@@ -60,7 +62,7 @@ __global__ void __launch_bounds__(block_size, 8)
     for (;;) {
       while (!is_bvh_leaf(current)) step<false>(s.world.tree.nodes, r, end, current, stack, top);
       if (current == bvh_empty) break;
-      found = any_in_leaf(s.world.triangles, r, ray.tmin, ray.tmax, current, pending);
+      found = any_in_leaf(s.world.triangles, r, ray.tmin, ray.tmax, current, left_out, ended_at, pending);
       if (found) break;
       current = pop(stack, top);
     }

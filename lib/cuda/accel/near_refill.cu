@@ -18,9 +18,11 @@ struct WarpRays {
   float inverse[3][warp_size], shift[3][warp_size], origin[3][warp_size];
   float sx[warp_size], sy[warp_size], sz[warp_size], end_offset[warp_size], tmin[warp_size], tmax[warp_size];
   uint32_t main_axis[warp_size];  // 3: no ray
+  uint32_t left_out[warp_size], ended_at[warp_size];
 };
 constexpr uint32_t no_axis = 3;
 
+template <TraceQuery Query>
 __device__ __forceinline__ void make_ready(const TraceScene &s, const NearBatch &batch, uint32_t i,
                                            unsigned lane, WarpRays &warp)
 {
@@ -29,6 +31,7 @@ __device__ __forceinline__ void make_ready(const TraceScene &s, const NearBatch 
   const Ray ray = load_ray(batch.rays, i, batch.aligned_rays);
   NearRay r;
   if (!make_near_ray(ray, s.world.tree, r)) {
+    if (Query == TraceQuery::Closest) batch.candidates[i] = listed_candidate;
     list_ray(batch, i);
     return;
   }
@@ -44,6 +47,8 @@ __device__ __forceinline__ void make_ready(const TraceScene &s, const NearBatch 
   warp.tmin[lane] = ray.tmin;
   warp.tmax[lane] = ray.tmax;
   warp.main_axis[lane] = uint32_t(r.main_axis);
+  warp.left_out[lane] = known_triangle(batch.left_out, i);
+  warp.ended_at[lane] = known_triangle(batch.ended_at, i);
 }
 
 __device__ __forceinline__ NearRay ready_ray(const WarpRays &warp, unsigned slot)
@@ -78,6 +83,7 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
   Pending pending;
   bool found = false;
   float end = 0, tmin = 0, tmax = 0;
+  uint32_t left_out = invalid_id, ended_at = invalid_id;
   uint32_t stack[bvh_max_depth + 1];
   stack[0] = bvh_empty;
   int top = 0;
@@ -96,7 +102,7 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
         first = __shfl_sync(~0u, first, 0);
         num_taken = 0;
         is_pool_empty = first >= batch.num_rays;
-        make_ready(s, batch, first + lane, lane, warp);
+        make_ready<Query>(s, batch, first + lane, lane, warp);
         __syncwarp();
       }
       const unsigned slot = num_taken + __popc(idle & ((1u << lane) - 1u));
@@ -109,6 +115,8 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
         pending.triangle = invalid_id;
         tmin = warp.tmin[slot];
         tmax = warp.tmax[slot];
+        left_out = warp.left_out[slot];
+        ended_at = warp.ended_at[slot];
         pending.lower = tmax;
         end = tmax + r.end_offset;
         top = 1;
@@ -124,10 +132,10 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
     } while (__popc(__ballot_sync(~0u, !is_bvh_leaf(current))) >= stepping_until);
     if (is_bvh_leaf(current) && current != bvh_empty) {
       if constexpr (is_any) {
-        found = any_in_leaf(s.world.triangles, r, tmin, tmax, current, pending);
+        found = any_in_leaf(s.world.triangles, r, tmin, tmax, current, left_out, ended_at, pending);
         current = found ? bvh_empty : pop(stack, top);
       } else {
-        closest_in_leaf(s.world.triangles, r, tmin, current, end, pending);
+        closest_in_leaf(s.world.triangles, r, tmin, current, left_out, end, pending);
         current = pop(stack, top);
       }
     }

@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <cstring>
+#include <optional>
 
+#include "cuda/path/pool.h"
 #include "cuda/path/unit_groups.h"
 #include "cuda/path/wave.h"
 #include "error.h"
@@ -136,9 +138,14 @@ class PassRenderer {
   }
 
  private:
+  // One of wave and pool is there, as the schedule wants it.
   struct Workspace {
-    WaveMemory wave;
+    std::optional<WaveMemory> wave;
+    std::optional<PoolMemory> pool;
     DeviceBuffer<std::byte> film;
+
+    // Paths that are rendered at a time.
+    uint64_t capacity() const { return pool ? pool->unit_capacity() : wave->capacity(); }
   };
 
   bool is_cancelled() const
@@ -153,9 +160,11 @@ class PassRenderer {
     uint32_t capacity = uint32_t(std::min<uint64_t>(most_paths_, max_wave_paths));
     for (;;) {
       try {
-        std::unique_ptr<Workspace> work(
-            new Workspace{{memory_, capacity, pass_.schedule, stream},
-                          {memory_, most_film_bytes_, "the film of a group of units"}});
+        auto work = std::make_unique<Workspace>();
+        if (pass_.schedule.generation == Generation::Refilled)
+          work->pool.emplace(memory_, capacity, most_paths_, pass_.schedule, stream);
+        else work->wave.emplace(memory_, capacity, pass_.schedule, stream);
+        work->film = {memory_, most_film_bytes_, "the film of a group of units"};
         ++num_workspaces_;
         return work;
       } catch (const Error &e) {
@@ -176,12 +185,15 @@ class PassRenderer {
     const FilmView film = layout.view(work.film.data(), width, height);
     WaveCounters counters;
     const uint64_t num_paths = group.num_paths();
-    for (uint64_t first = 0; first < num_paths; first += work.wave.capacity()) {
+    for (uint64_t first = 0; first < num_paths; first += work.capacity()) {
       const PathUnit part{u.x0, u.y0, u.x1, u.y1, u.first_sample, first};
-      const uint32_t count = uint32_t(std::min<uint64_t>(work.wave.capacity(), num_paths - first));
-      if (!render_wave(scene_, pass_.settings, part, film, count, pass_.cancelled, work.wave, lane.stream(),
-                       counters))
-        return;
+      const uint32_t count = uint32_t(std::min<uint64_t>(work.capacity(), num_paths - first));
+      const auto render = [&](auto &&render_part, auto &memory) {
+        return render_part(scene_, pass_.settings, part, film, count, pass_.cancelled, memory, lane.stream(),
+                           counters);
+      };
+      const bool is_done = work.pool ? render(render_pool, *work.pool) : render(render_wave, *work.wave);
+      if (!is_done) return;
     }
     std::byte *host = static_cast<std::byte *>(lane.to_host.reserve(most_film_bytes_));
     check(cudaMemcpyAsync(host, work.film.data(), layout.bytes(), cudaMemcpyDeviceToHost, lane.stream()),

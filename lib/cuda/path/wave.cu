@@ -45,10 +45,9 @@ constexpr const char *stage_names[] = {"path stage 'generate'", "path stage 'tra
 
 class StreamExecutor {
  public:
-  StreamExecutor(const TraceScene &scene, uint32_t width, const std::atomic<bool> *cancelled,
-                 WaveMemory &memory, cudaStream_t stream, WaveCounters &counters)
+  StreamExecutor(const TraceScene &scene, const std::atomic<bool> *cancelled, WaveMemory &memory,
+                 cudaStream_t stream, WaveCounters &counters)
       : scene_(scene),
-        width_(width),
         cancelled_(cancelled),
         memory_(memory),
         stream_(stream),
@@ -156,7 +155,7 @@ class StreamExecutor {
   RayOrder order(bool is_camera) const
   {
     if (!is_camera) return {};
-    return {Coherence::Coherent, width_, memory_.trace_scratch()};
+    return {Coherence::Coherent, 0, memory_.trace_scratch()};
   }
 
   // Finds places for the rays that are there; false if the schedule compacts by blocks.
@@ -181,7 +180,6 @@ class StreamExecutor {
   uint32_t kept() { return synchronize() ? 0 : *memory_.compaction().total; }
 
   const TraceScene &scene_;
-  uint32_t width_;  // of the image that camera rays are of, row by row, sample by sample
   const std::atomic<bool> *cancelled_;
   WaveMemory &memory_;
   cudaStream_t stream_;
@@ -287,7 +285,7 @@ bool render_wave(const TraceScene &scene, const PathSettings &settings, const Pa
                  const FilmView &film, uint32_t num_paths, const std::atomic<bool> *cancelled,
                  WaveMemory &memory, cudaStream_t stream, WaveCounters &counters)
 {
-  StreamExecutor executor(scene, unit.x1 - unit.x0, cancelled, memory, stream, counters);
+  StreamExecutor executor(scene, cancelled, memory, stream, counters);
   const Schedule &schedule = memory.schedule();
   if (schedule.traversal == Traversal::Uber) {
     trace_uber_paths(executor, scene, settings, unit, film, num_paths, memory, stream, counters);

@@ -130,7 +130,8 @@ py::dict get_statistics(const Frame &frame)
                    "list_overflows"_a = counters.list_overflows, "mode_switches"_a = counters.mode_switches,
                    "packets"_a = counters.packets, "shared_triangles"_a = counters.shared_triangles,
                    "compactions"_a = counters.compactions, "sorted_hits"_a = counters.sorted_hits,
-                   "counted_rays"_a = counters.counted_rays, "wave_splits"_a = counters.wave_splits));
+                   "counted_rays"_a = counters.counted_rays, "wave_splits"_a = counters.wave_splits,
+                   "path_refills"_a = counters.path_refills));
 }
 
 // True when the job has ended well, False when it still runs; its failure is raised.

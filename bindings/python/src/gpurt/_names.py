@@ -47,6 +47,6 @@ SCHEDULE = {
     "fetch": Names("fetch", "auto", "per_thread", "packets"),
     "compaction": Names("compaction", "auto", "block_scan", "pyramid", "naive_scan", "library_scan"),
     "shading": Names("shading", "auto", "immediate", "sorted"),
-    "generation": Names("generation", "auto", "slots", "counted"),
+    "generation": Names("generation", "auto", "slots", "counted", "refilled"),
 }
 PIPELINE = Names("pipeline", "auto", "path", "photon", "reyes", "hybrid")

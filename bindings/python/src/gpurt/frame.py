@@ -131,7 +131,7 @@ class Frame:
         :param schedule: how a CUDA device goes about it; changes no bits. By name: traversal ("stack", "leaf_lists",
             "uber"), launch ("regular", "persistent"), fetch ("per_thread", "packets"), compaction ("block_scan",
             "pyramid", "naive_scan", "library_scan"), shading ("immediate", "sorted"), generation ("slots",
-            "counted"), ray_budget. What is left out is "auto", the library's choice.
+            "counted", "refilled"), ray_budget. What is left out is "auto", the library's choice.
 
         Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,
         and the image has the same bits as if it had run at once. Jobs of one frame run one after another. A job

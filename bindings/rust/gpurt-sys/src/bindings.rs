@@ -549,6 +549,7 @@ pub type gpurt_shading = ::std::os::raw::c_uint;
 pub const GPURT_GENERATION_AUTO: gpurt_generation = 0;
 pub const GPURT_GENERATION_SLOTS: gpurt_generation = 1;
 pub const GPURT_GENERATION_COUNTED: gpurt_generation = 2;
+pub const GPURT_GENERATION_REFILLED: gpurt_generation = 3;
 pub const GPURT_GENERATION_FORCE32: gpurt_generation = 2147483647;
 pub type gpurt_generation = ::std::os::raw::c_uint;
 #[repr(C)]
@@ -577,7 +578,8 @@ pub struct gpurt_schedule_counters {
     pub counted_rays: u64,
     pub wave_splits: u64,
     pub device_ns: u64,
-    pub reserved: [u64; 5usize],
+    pub path_refills: u64,
+    pub reserved: [u64; 4usize],
 }
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]

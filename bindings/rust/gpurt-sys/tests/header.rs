@@ -219,7 +219,7 @@ fn layouts_and_defaults_agree() {
         gpurt_tile { x0 y0 x1 y1 }
         gpurt_schedule { traversal launch fetch compaction shading generation reserved ray_budget }
         gpurt_schedule_counters { ray_refills list_rounds list_overflows mode_switches packets shared_triangles
-            compactions sorted_hits counted_rays wave_splits device_ns reserved }
+            compactions sorted_hits counted_rays wave_splits device_ns path_refills reserved }
         gpurt_photon_settings { photons_per_pass initial_radius estimator kernel remedies reserved }
         gpurt_photon_counters { num_emitted num_rays num_stored num_gathered num_visible num_sub_passes
             trace_seconds build_seconds gather_seconds smallest_radius reserved }

@@ -240,6 +240,8 @@ c_enum! {
         Slots = GPURT_GENERATION_SLOTS,
         /// They are counted first, then exactly these are made.
         Counted = GPURT_GENERATION_COUNTED,
+        /// Without gaps, and new paths start where others have ended.
+        Refilled = GPURT_GENERATION_REFILLED,
     }
 }
 

@@ -85,6 +85,8 @@ filled_struct! {
             counted_rays: u64,
             /// Times that a count was over the budget.
             wave_splits: u64,
+            /// Paths that started in the place of ones that had ended.
+            path_refills: u64,
         }
         converted {}
     }

@@ -86,6 +86,7 @@ Schedule resolve_schedule(const Schedule &asked, ScheduleUse use, const TraceSce
     check_has_queues(s.compaction, Compaction::BlockScan, "compaction");
     check_has_queues(s.shading, Shading::Immediate, "shading");
     check_has_queues(s.generation, Generation::Slots, "generation");
+    set_default(s.generation, Generation::Slots);
   }
   if (s.generation == Generation::Counted) {
     if (s.shading == Shading::Sorted) {
@@ -102,9 +103,18 @@ Schedule resolve_schedule(const Schedule &asked, ScheduleUse use, const TraceSce
     }
     set_default(s.compaction, Compaction::LibraryScan);
   }
+  // A pool has no gaps to close, and shades as rays lie.
+  const bool is_plain = (s.compaction == Compaction::Auto || s.compaction == Compaction::BlockScan) &&
+                        (s.shading == Shading::Auto || s.shading == Shading::Immediate);
+  if (s.generation == Generation::Refilled && !is_plain) {
+    refuse(
+        "GPURT_GENERATION_REFILLED has no queue to compact and shades hits as they lie; leave compaction and "
+        "shading AUTO");
+  }
+  const bool suits_refill = use == ScheduleUse::Render && asked.compaction == Compaction::Auto && is_plain;
+  set_default(s.generation, suits_refill ? Generation::Refilled : Generation::Slots);
   set_default(s.compaction, Compaction::BlockScan);
   set_default(s.shading, Shading::Immediate);
-  set_default(s.generation, Generation::Slots);
   if (s.ray_budget != 0 && s.generation != Generation::Counted) {
     refuse("ray_budget is {}, but it bounds GPURT_GENERATION_COUNTED alone; ask for that, or set it to 0",
            s.ray_budget);

@@ -1,0 +1,276 @@
+// The steps of a pool of paths as kernels, and their order.
+#include "core/accel/meets_triangle.h"
+#include "cuda/accel/near.h"
+#include "cuda/launch.h"
+#include "cuda/path/pool.h"
+
+namespace gpurt::cuda {
+namespace {
+
+constexpr unsigned warp_size = 32;
+constexpr unsigned num_warps = block_size / warp_size;
+
+struct PoolStep {
+  SceneView scene;
+  PathSettings settings;
+  PathUnit unit;
+  PathQueue from, to;
+  const Hit *hits;  // of from
+  PoolShadows shadows;
+  PathResult *results;
+  FilmView film;  // its optional arrays
+  bool leaves_out;
+  uint32_t *numbers;  // of paths and of shadow rays that were made
+};
+
+__global__ void __launch_bounds__(block_size)
+    start_kernel(const __grid_constant__ StartPaths start, uint32_t n)
+{
+  const uint64_t i = thread_item();
+  if (i < n) start(uint32_t(i));
+}
+
+// A ray that leaves a triangle and cannot meet it again need not test it, which single precision could not decide.
+__device__ __noinline__ uint32_t leave_out(const SceneView &scene, const Ray &ray, uint32_t triangle)
+{
+  return meets_triangle(scene, ray, triangle) ? invalid_id : triangle;
+}
+
+// The rays that a hit makes, till it is known where they go.
+struct MadeRays {
+  Ray next, shadow;
+  Vec3f contribution;
+  uint32_t target;
+  bool has_next, has_shadow;
+};
+
+struct MadeRaysSink {
+  MadeRays &made;
+  __device__ void next(const Ray &ray) const
+  {
+    made.next = ray;
+    made.has_next = true;
+  }
+  __device__ void shadow(const Ray &ray, Vec3f contribution, uint32_t target) const
+  {
+    made.shadow = ray;
+    made.contribution = contribution;
+    made.target = target;
+    made.has_shadow = true;
+  }
+};
+
+__device__ __forceinline__ void store_ray(Ray *to, const Ray &ray)
+{
+  float4 *p = reinterpret_cast<float4 *>(to);
+  p[0] = make_float4(ray.origin.x, ray.origin.y, ray.origin.z, ray.tmin);
+  p[1] = make_float4(ray.direction.x, ray.direction.y, ray.direction.z, ray.tmax);
+}
+
+// Where this thread's item goes in a queue of `number` items so far: one atomic addition a block. In which order blocks
+// come changes no result.
+__device__ __forceinline__ uint32_t take_place(bool has_item, uint32_t *number, uint32_t (&shared)[num_warps + 1])
+{
+  const unsigned lane = threadIdx.x % warp_size, warp = threadIdx.x / warp_size;
+  const unsigned votes = __ballot_sync(~0u, has_item);
+  if (lane == 0) shared[warp] = __popc(votes);
+  __syncthreads();
+  if (threadIdx.x == 0) {
+    uint32_t sum = 0;
+    for (unsigned w = 0; w < num_warps; ++w) {
+      const uint32_t count = shared[w];
+      shared[w] = sum;
+      sum += count;
+    }
+    shared[num_warps] = sum != 0 ? atomicAdd(number, sum) : 0;
+  }
+  __syncthreads();
+  return shared[num_warps] + shared[warp] + __popc(votes & ((1u << lane) - 1u));
+}
+
+__global__ void __launch_bounds__(block_size) shade_pool_kernel(const __grid_constant__ PoolStep s, uint32_t n)
+{
+  __shared__ uint32_t next_places[num_warps + 1], shadow_places[num_warps + 1];
+  const uint64_t i = thread_item();
+  MadeRays made;
+  made.has_next = made.has_shadow = false;
+  PoolPath path;
+  PathState state;
+  uint32_t triangle = invalid_id;
+  if (i < n) {
+    path = s.from.paths[i];
+    const Ray ray = s.from.rays[i];
+    const Hit hit = s.hits[i];
+    triangle = hit.triangle;
+    state = {path.throughput, path.pdf, path.position, path.normal, vec3(0.0f), path.key, 0};
+    if (path.depth == 1 && (s.film.features != nullptr || s.film.first_hits != nullptr)) {
+      const PathSample sample = path_sample(s.unit, path.number);
+      // Sums of integers: any order gives the same bits.
+      EyeFeatures{s.scene, s.settings, s.film}(sample.sample, sample.local, ray, hit,
+                                               [](int64_t &sum, int64_t term) {
+                                                 atomicAdd(reinterpret_cast<unsigned long long *>(&sum),
+                                                           static_cast<unsigned long long>(term));
+                                               });
+    }
+    PathVertex{s.scene, s.settings, path.depth}.shade(ray, hit, state, MadeRaysSink{made});
+    const bool has_radiance = state.radiance.x != 0.0f || state.radiance.y != 0.0f || state.radiance.z != 0.0f;
+    if (has_radiance || state.covered != 0) {
+      PathResult &result = s.results[path.number];
+      result = {result.radiance + state.radiance, result.covered | state.covered};
+    }
+  }
+  const uint32_t next_place = take_place(made.has_next, s.numbers, next_places);
+  if (made.has_next) {
+    s.to.paths[next_place] = {state.throughput, state.pdf, state.position, path.number,
+                              state.normal,     path.depth + 1, state.key};
+    store_ray(s.to.rays + next_place, made.next);
+    s.to.left_out[next_place] = s.leaves_out ? leave_out(s.scene, made.next, triangle) : invalid_id;
+  }
+  const uint32_t shadow_place = take_place(made.has_shadow, s.numbers + 1, shadow_places);
+  if (made.has_shadow) {
+    store_ray(s.shadows.queue.rays + shadow_place, made.shadow);
+    s.shadows.queue.paths[shadow_place] = path.number;
+    s.shadows.queue.contributions[shadow_place] = made.contribution;
+    if (s.leaves_out) {
+      s.shadows.left_out[shadow_place] = leave_out(s.scene, made.shadow, triangle);
+      s.shadows.ended_at[shadow_place] =
+          made.target != invalid_id ? leave_out(s.scene, made.shadow, made.target) : invalid_id;
+    }
+  }
+}
+
+// A path has no more than one shadow ray a step.
+__global__ void __launch_bounds__(block_size)
+    add_direct_light_kernel(PoolShadows shadows, PathResult *results, uint32_t n)
+{
+  const uint64_t i = thread_item();
+  if (i >= n || shadows.occluded[i]) return;
+  PathResult &result = results[shadows.queue.paths[i]];
+  result.radiance += shadows.queue.contributions[i];
+}
+
+__global__ void __launch_bounds__(block_size)
+    add_results_kernel(const __grid_constant__ AddResults add, uint32_t n, uint32_t *largest_bits)
+{
+  const uint64_t i = thread_item();
+  const float largest = i < n ? add(uint32_t(i)) : 0.0f;
+  // The bits of positive floats are ordered as the floats.
+  const unsigned of_warp = __reduce_max_sync(~0u, float_bits(largest));
+  if (threadIdx.x % warp_size == 0 && of_warp > *largest_bits) atomicMax(largest_bits, of_warp);
+}
+
+class Pool {
+ public:
+  Pool(const TraceScene &scene, PoolMemory &memory, cudaStream_t stream, WaveCounters &counters)
+      : scene_(scene),
+        memory_(memory),
+        stream_(stream),
+        counters_(counters),
+        has_near_(memory.tracer() == nullptr && has_near_kernels(scene))
+  {}
+
+  bool has_near() const { return has_near_; }
+
+  // The hits of the first num_old rays, which go on, and of num_new that come from the camera.
+  void trace_closest(const PathQueue &queue, uint32_t num_old, uint32_t num_new)
+  {
+    Hit *hits = memory_.hits();
+    if (ScheduledTracer *tracer = memory_.tracer()) {
+      tracer->closest(scene_, queue.rays, num_old + num_new, HitLayout::Internal, hits);
+    } else if (has_near_) {
+      launch_closest(scene_, queue.rays, num_old, HitLayout::Internal, hits,
+                     {Coherence::Incoherent, 0, memory_.trace_scratch(), queue.left_out, nullptr}, stream_);
+      launch_closest(scene_, queue.rays + num_old, num_new, HitLayout::Internal, hits + num_old,
+                     {Coherence::Coherent, 0, memory_.trace_scratch(), nullptr, nullptr}, stream_);
+    } else {
+      launch_closest(scene_, queue.rays, num_old + num_new, HitLayout::Internal, hits, {}, stream_);
+    }
+    counters_.num_bounce_rays += num_old;
+    counters_.num_camera_rays += num_new;
+  }
+
+  void trace_shadows(uint32_t n)
+  {
+    const PoolShadows &shadows = memory_.shadows();
+    if (ScheduledTracer *tracer = memory_.tracer()) {
+      tracer->any(scene_, shadows.queue.rays, n, shadows.occluded);
+    } else {
+      RayOrder order;
+      if (has_near_)
+        order = {Coherence::Incoherent, 0, memory_.trace_scratch(), shadows.left_out, shadows.ended_at};
+      launch_any(scene_, shadows.queue.rays, n, shadows.occluded, order, stream_);
+    }
+    launch("kernel that adds direct light", add_direct_light_kernel, n, stream_, shadows, memory_.results(), n);
+    counters_.num_shadow_rays += n;
+  }
+
+  void clear_numbers()
+  {
+    check(cudaMemsetAsync(memory_.numbers(), 0, PoolMemory::num_numbers * sizeof(uint32_t), stream_),
+          "cudaMemsetAsync");
+  }
+
+  // Waits for the numbers of a step.
+  const uint32_t *read_numbers()
+  {
+    check(cudaMemcpyAsync(memory_.host_numbers(), memory_.numbers(),
+                          PoolMemory::num_numbers * sizeof(uint32_t), cudaMemcpyDeviceToHost, stream_),
+          "cudaMemcpyAsync");
+    check(cudaStreamSynchronize(stream_), "cudaStreamSynchronize");
+    return memory_.host_numbers();
+  }
+
+ private:
+  const TraceScene &scene_;
+  PoolMemory &memory_;
+  cudaStream_t stream_;
+  WaveCounters &counters_;
+  bool has_near_;
+};
+
+}  // namespace
+
+bool render_pool(const TraceScene &scene, const PathSettings &settings, const PathUnit &unit,
+                 const FilmView &film, uint32_t num_paths, const std::atomic<bool> *cancelled,
+                 PoolMemory &memory, cudaStream_t stream, WaveCounters &counters)
+{
+  Pool pool(scene, memory, stream, counters);
+  StageClock &clock = memory.clock;
+  clock.start(stream);
+  uint32_t num_started = 0, num_old = 0;
+  for (int from = 0; num_old != 0 || num_started < num_paths; from = 1 - from) {
+    if (cancelled != nullptr && cancelled->load(std::memory_order_relaxed)) return false;
+    const PathQueue &queue = memory.queue(from);
+    const uint32_t num_new = min(memory.capacity() - num_old, num_paths - num_started);
+    if (num_started != 0) counters.schedule.path_refills += num_new;
+    launch("kernel that starts paths", start_kernel, num_new, stream,
+           StartPaths{settings, unit, queue, memory.results(), num_started, num_old}, num_new);
+    clock.mark(stream, PathStage::Generate);
+    pool.trace_closest(queue, num_old, num_new);
+    clock.mark(stream, PathStage::Trace);
+    const uint32_t n = num_old + num_new;
+    num_started += num_new;
+    pool.clear_numbers();
+    launch("kernel that shades a pool's paths", shade_pool_kernel, n, stream,
+           PoolStep{scene.scene, settings, unit, queue, memory.queue(1 - from), memory.hits(),
+                    memory.shadows(), memory.results(), film, pool.has_near(), memory.numbers()},
+           n);
+    clock.mark(stream, PathStage::Shade);
+    const uint32_t *numbers = pool.read_numbers();
+    num_old = numbers[0];
+    pool.trace_shadows(numbers[1]);
+    clock.mark(stream, PathStage::Shadow);
+  }
+  pool.clear_numbers();
+  const uint32_t num_pixels = min(film.width * film.height, num_paths);
+  launch("kernel that adds paths to the film", add_results_kernel, num_pixels, stream,
+         AddResults{unit, memory.results(), film, num_paths}, num_pixels, memory.numbers() + 2);
+  clock.mark(stream, PathStage::Film);
+  const uint32_t largest = pool.read_numbers()[2];
+  clock.collect(counters.stage_seconds);
+  counters.largest_sample = max(counters.largest_sample, float_from_bits(largest));
+  if (ScheduledTracer *tracer = memory.tracer()) tracer->collect(counters.schedule);
+  return true;
+}
+
+}  // namespace gpurt::cuda
