@@ -13,9 +13,12 @@ namespace {
 
 constexpr uint32_t fewest_photons = 1u << 12, most_photons = 1u << 22;  // of a pass, by default
 
-// Photons of a pass within the initial radius, in the median. The image's noise over all passes does not depend on it as
-// much as its blur: on boxes with caustics the error at equal time is flat from 5 to 20.
+// Photons of a pass within the initial radius, at the visible points where they are dense: a twentieth of the points has
+// as many or more. Caustics want a radius of their own size; points in their neighbourhood then have fewer photons a
+// pass, and more passes. In the median instead, the error of caustics at equal time was up to a hundred times larger, and
+// that of a box without caustics a third smaller.
 constexpr uint32_t photons_in_radius = 10;
+constexpr double share_of_points = 0.05;
 constexpr uint32_t pilot_photons = 1u << 16;
 constexpr uint32_t pilot_points_per_axis = 16;
 
@@ -107,9 +110,9 @@ float choose_initial_radius(const CommittedScene &scene, const PathSettings &pat
     radii.push_back(float(scale * std::sqrt(double(*nth))));
   }
   if (radii.empty()) return largest * (pilot.photons.empty() ? 0x1p-7f : 0x1p-3f);
-  const auto middle = radii.begin() + std::ptrdiff_t(radii.size() / 2);
-  std::nth_element(radii.begin(), middle, radii.end());
-  return std::clamp(*middle, largest * 0x1p-20f, largest);
+  const auto chosen = radii.begin() + std::ptrdiff_t(share_of_points * double(radii.size()));
+  std::nth_element(radii.begin(), chosen, radii.end());
+  return std::clamp(*chosen, largest * 0x1p-20f, largest);
 }
 
 }  // namespace gpurt

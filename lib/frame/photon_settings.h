@@ -12,7 +12,7 @@ namespace gpurt {
 PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const PhotonSettings &made_with,
                                        uint64_t num_pixels);
 
-/// The radius within which half of the visible points have photons_in_radius photons of a pass.
+/// The radius that follows from a pilot: where photons are dense, about ten of a pass lie within it.
 float choose_initial_radius(const CommittedScene &scene, const PathSettings &path,
                             const EmissionView &emission, uint32_t photons_per_pass);
 

@@ -27,6 +27,8 @@ struct Method {
   bool is_exact() const { return !is_embree() && test != GPURT_TRIANGLE_MOLLER_TRUMBORE; }
 };
 const std::vector<Method> &methods();
+/// Photon mapping, on the devices that have it.
+const std::vector<Method> &photon_methods();
 inline void PrintTo(const Method &method, std::ostream *out) { *out << method.name; }
 
 enum class Expected {

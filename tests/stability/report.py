@@ -30,6 +30,7 @@ TITLES = {
     "cuda_bvh_watertight": "CUDA bvh, watertight",
     "cuda_bvh_double": "CUDA bvh, double",
     "cuda_bvh_moller_trumbore": "CUDA bvh, Möller-Trumbore",
+    "photon_bvh": "photon mapping, bvh",
 }
 INTRO = """# Stability
 

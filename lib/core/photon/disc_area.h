@@ -1,46 +1,41 @@
-// How much of a gather's disc lies on a surface: rays from above the visible point to points of the disc.
+// How much of a gather's disc lies on a surface: rays from above the visible point to random points of the disc.
 //
-// Where a surface ends, or another one stands on it, photons come from a part of the disc alone; dividing by the whole
-// area makes rims and corners dark. Outer points are looked at first: where they all are on a surface, so is the disc.
-// Source: Jensen 2001, Section 7.2.2 names the bias and the division by the area that is there.
-// Differs: the area is measured by rays, not guessed from the photons.
+// Where a surface ends, or another one stands on it, photons come from a part A of the disc alone, and dividing by the
+// whole area makes rims and corners dark. What is needed is 1 / A, and the number of random points that are tried until
+// one lies on the surface has just that expectation: an estimate without bias, for one ray where the disc is whole.
+// Source: Jensen 2001, Section 7.2.2 for the bias; Booth 2007 for reciprocals of probabilities by counting trials.
 #pragma once
 
 #include "core/photon/gather_photons.h"
 
 namespace gpurt {
 
-constexpr uint32_t disc_probes = 16;
-constexpr uint32_t first_disc_probes = 4;  // the outermost
+// Trials at most. The point itself lies on a surface, so that A is 1/8 in the corner of a box's edge or more: this many
+// trials then miss once in 5000.
+constexpr uint32_t max_disc_trials = 64;
+// Pairs of sample dimensions beyond those of any path: two for each trial.
+constexpr uint32_t dim_disc = 0x40000000u;
 
 GPURT_FUNCTIONS_BEGIN
 
-// Point k of a disc of radius 1, outermost first: a spiral of equal areas, turned by a number of the path's own.
-// Source: Vogel 1979.
-GPURT_INLINE Vec2f disc_point(SampleKey key, uint32_t k)
+// Point k of a disc of radius 1, distributed as the kernel weighs it.
+GPURT_INLINE Vec2f disc_point(SampleKey key, PhotonKernel kernel, uint32_t k)
 {
-  const float radius = sqrt((float(disc_probes - k) - 0.5f) * (1.0f / float(disc_probes)));
-  const float turn =
-      float(k) * 0.38196601f + unit_float(uint32_t(mix_bits(key.seed ^ key.reversed_index) >> 32));
+  const Vec2f u = sample_2d(key, dim_disc + 2 * k);
+  float radius;
+  if (kernel == PhotonKernel::Cone) {
+    // The density of distances is that of the median of three uniform numbers, 6 x (1 - x).
+    const Vec2f v = sample_2d(key, dim_disc + 2 * k + 1);
+    radius = max(min(u.x, v.x), min(max(u.x, v.x), v.y));
+  } else {
+    radius = sqrt(u.x);
+  }
   float s, c;
-  sincos_turns(turn, s, c);
+  sincos_turns(u.y, s, c);
   return {radius * c, radius * s};
 }
 
-// The kernel's weight there.
-GPURT_INLINE float disc_weight(PhotonKernel kernel, uint32_t k)
-{
-  return kernel_weight(kernel, (float(disc_probes - k) - 0.5f) * (1.0f / float(disc_probes)), 1.0f);
-}
-
-GPURT_INLINE float sum_disc_weights(PhotonKernel kernel, uint32_t num)
-{
-  float sum = 0.0f;
-  for (uint32_t k = 0; k < num; ++k) sum += disc_weight(kernel, k);
-  return sum;
-}
-
-// Aims probe k of every visible point whose disc may end within the radius; into the slots of next rays.
+// Aims trial k of every visible point whose disc is not known to lie on a surface; into the slots of next rays.
 struct AimDiscProbe {
   PathWave wave;
   VisiblePoint *points;
@@ -53,29 +48,23 @@ struct AimDiscProbe {
     wave.next_rays.paths[i] = i;
     VisiblePoint &point = points[i];
     if (point.depth == 0 || point.clearance > pass.radius) return;
-    if (k == 0) point.area = 0.0f;
-    if (k == first_disc_probes && point.area == sum_disc_weights(pass.kernel, first_disc_probes)) {
-      point.clearance = infinity;  // the disc is whole
-      return;
-    }
     Vec3f s, t;
     make_frame(point.geometric_normal, s, t);
-    const Vec2f q = disc_point(wave.paths[i].key, k);
+    const Vec2f q = disc_point(wave.paths[i].key, pass.kernel, k);
     const Vec3f offset = (s * q.x + t * q.y) * pass.radius;
-    // From half a radius above the point to a little below the disc.
+    // From half a radius above the point to a little below the disc: what stands between hides it.
     const Vec3f above = point.geometric_normal * (0.5f * pass.radius);
-    const Vec3f down = offset - above;
-    wave.next_rays.rays[i] = {point.position + above, 0.0f, down, 1.5f};
+    wave.next_rays.rays[i] = {point.position + above, 0.0f, offset - above, 1.5f};
+    point.inverse_area = float(k + 1);
   }
 };
 
-// Counts the probes that met the disc's own surface.
-struct CountDiscProbe {
+// Ends the trials of points whose probe met a surface that the gather takes photons from.
+struct EndDiscTrials {
   SceneView scene;
   PathWave wave;
   VisiblePoint *points;
   PhotonPass pass;
-  uint32_t k;
 
   GPURT_HD void operator()(uint32_t i) const
   {
@@ -83,26 +72,11 @@ struct CountDiscProbe {
     if (hit.triangle == invalid_id) return;
     VisiblePoint &point = points[wave.rays.paths[i]];
     const SurfaceHit surface = surface_at(scene, hit);
-    const Vec3f to_hit = surface.position - point.position;
-    if (abs(dot(to_hit, point.geometric_normal)) > gather_max_plane_distance * pass.radius) return;
-    const float cosine = dot(surface.geometric_normal, point.geometric_normal);
-    if (abs(cosine) < gather_min_cosine) return;
-    point.area += disc_weight(pass.kernel, k);
-  }
-};
-
-// Puts the share for the sum of weights. The point itself lies on a surface and counts for half a probe, so that no share
-// is 0.
-struct FinishDiscArea {
-  VisiblePoint *points;
-  PhotonPass pass;
-
-  GPURT_HD void operator()(uint32_t i) const
-  {
-    VisiblePoint &point = points[i];
-    if (point.depth == 0) return;
-    const float all = sum_disc_weights(pass.kernel, disc_probes);
-    point.area = point.clearance > pass.radius ? 1.0f : (point.area + 0.5f) / (all + 0.5f);
+    const float distance = abs(dot(surface.position - point.position, point.geometric_normal));
+    if (distance > gather_max_plane_distance * pass.radius) return;
+    const float cosine = abs(dot(surface.geometric_normal, point.geometric_normal));
+    if (pass.remedies & remedy_normal && cosine < gather_min_cosine) return;
+    point.clearance = infinity;
   }
 };
 

@@ -18,10 +18,10 @@ struct VisiblePoint {
   Vec3f weight;          // Lambert: throughput times reflectance / pi; Metal: throughput
   float alpha_ggx;       // 0: Lambert
   Vec3f shading_normal;  // Metal alone
-  float area;            // share of the disc that lies on a surface, weighed by the kernel
+  float inverse_area;    // 1 over the share of the disc that lies on a surface: its estimate
   Vec3f wo;              // Metal alone
   Vec3f color;           // Metal alone: F0
-  float clearance;       // distance to the rim of the triangle that was hit
+  float clearance;  // distance to the rim of the triangle that was hit; infinity: the disc has been measured
 };
 
 // Bits of PathState::covered.
@@ -96,7 +96,7 @@ struct ShadeEyeVertex {
     point.geometric_normal = front ? surface.geometric_normal : -surface.geometric_normal;
     point.normal_code = encode_normal(point.geometric_normal);
     point.depth = depth;
-    point.area = 1.0f;
+    point.inverse_area = 1.0f;
     point.clearance = clearance(hit);
     point.shading_normal = normal;
     point.wo = wo_world;

@@ -81,7 +81,7 @@ GPURT_INLINE void gather_photons(const PhotonGrid &grid, const PhotonPass &pass,
 // Radiance towards the eye of what a visible point gathered in a whole pass.
 GPURT_INLINE Vec3f gathered_radiance(const PhotonPass &pass, const VisiblePoint &point, const PhotonSum &sum)
 {
-  const float scale = pass.scale * 0x1p-32f / point.area;
+  const float scale = pass.scale * 0x1p-32f * point.inverse_area;
   return point.weight *
          Vec3f{float(sum.flux[0]) * scale, float(sum.flux[1]) * scale, float(sum.flux[2]) * scale};
 }

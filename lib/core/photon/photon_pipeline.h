@@ -55,14 +55,13 @@ void measure_discs(Executor &exec, const SceneView &scene, const PhotonPass &pas
                    VisiblePoint *points, uint32_t num_paths)
 {
   if (!(pass.remedies & remedy_boundary)) return;
-  for (uint32_t k = 0; k < disc_probes; ++k) {
+  for (uint32_t k = 0; k < max_disc_trials; ++k) {
     exec.for_each(PathStage::Generate, num_paths, AimDiscProbe{wave, points, pass, k});
     const uint32_t num_rays = exec.compact_rays(wave.next_rays, num_paths, wave.rays);
     if (num_rays == 0) break;
     exec.trace_closest(wave.rays.rays, wave.hits, num_rays);
-    exec.for_each(PathStage::Shade, num_rays, CountDiscProbe{scene, wave, points, pass, k});
+    exec.for_each(PathStage::Shade, num_rays, EndDiscTrials{scene, wave, points, pass});
   }
-  exec.for_each(PathStage::Shade, num_paths, FinishDiscArea{points, pass});
 }
 
 GPURT_FUNCTIONS_END
