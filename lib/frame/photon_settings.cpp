@@ -11,7 +11,7 @@ namespace gpurt {
 
 namespace {
 
-constexpr uint32_t fewest_photons = 1u << 12, most_photons = 1u << 22;  // of a pass, by default
+constexpr uint32_t fewest_photons = 1u << 14, most_photons = 1u << 22;  // of a pass, by default
 
 // Photons of a pass within the initial radius, at the visible points where they are dense: a twentieth of the points has
 // as many or more. Caustics want a radius of their own size; points in their neighbourhood then have fewer photons a

@@ -3,7 +3,7 @@
 // Where a surface ends, or another one stands on it, photons come from a part A of the disc alone, and dividing by the
 // whole area makes rims and corners dark. What is needed is 1 / A, and the number of random points that are tried until
 // one lies on the surface has just that expectation: an estimate without bias, for one ray where the disc is whole.
-// Source: Jensen 2001, Section 7.2.2 for the bias; Booth 2007 for reciprocals of probabilities by counting trials.
+// Source: Jensen 2001 for the bias; Booth 2007 for reciprocals of probabilities by counting trials.
 #pragma once
 
 #include "core/photon/gather_photons.h"

@@ -3,7 +3,7 @@
 // Every contribution is rounded to 2^-32 of a photon's mean flux and added as an integer, so that the sum does not depend
 // on the order of photons, nor on how many maps they lie in: a pass that is split for want of memory has the same bits.
 // Source: Knaus and Zwicker 2011, memoryless progressive photon mapping; the tests against photons of other surfaces are
-// Jensen 2001, Section 7.
+// Jensen 2001.
 #pragma once
 
 #include "core/photon/eye_wave.h"

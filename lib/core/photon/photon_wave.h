@@ -3,7 +3,7 @@
 // Every ray has one slot for the photon that it may leave behind and one for the ray that goes on. Photons carry flux,
 // where paths from the eye carry radiance: glass does not scale it, and where shading normals differ from the surface's
 // own a factor makes up for it.
-// Source: Jensen 1996 for photon maps; Veach 1997, Sections 5.2 and 5.3, for the two corrections.
+// Source: Jensen 1996 for photon maps; Veach 1997, Chapter 5, for the two corrections.
 #pragma once
 
 #include "core/photon/emission.h"

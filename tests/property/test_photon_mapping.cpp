@@ -1,0 +1,248 @@
+// Photon mapping through the C ABI: the same bits however the work is cut, and path tracing's means under every light.
+#include <cstdio>
+#include <functional>
+
+#include "../support/gpurt_test.h"
+
+namespace {
+
+using namespace gpurt_test;
+
+struct Work {
+  uint32_t threads = 0, tile_size = 0, spp = 4, max_depth = 0;
+  gpurt_accel accel = GPURT_ACCEL_BVH;
+  uint64_t memory_limit = 0;
+  gpurt_pipeline pipeline = GPURT_PIPELINE_PHOTON;
+  gpurt_photon_settings photon = GPURT_PHOTON_SETTINGS_INIT;
+};
+
+constexpr uint32_t side = 24;
+
+Mesh room()
+{
+  Mesh m = quad({-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1});
+  m.append(quad({-1, -1, 1}, {1, -1, 1}, {1, -1, -1}, {-1, -1, -1}));
+  m.append(quad({-1, -1, 1}, {-1, -1, -1}, {-1, 1, -1}, {-1, 1, 1}));
+  return m;
+}
+
+using Lights = std::function<void(gpurt_scene)>;
+
+void add_light(gpurt_scene scene, gpurt_light_type type, std::array<float, 3> position,
+               std::array<float, 3> direction, std::array<float, 3> intensity)
+{
+  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+  light.type = type;
+  for (int k = 0; k < 3; ++k) {
+    light.position[k] = position[k];
+    light.direction[k] = direction[k];
+    light.intensity[k] = intensity[k];
+  }
+  light.inner_cone_angle_rad = type == GPURT_LIGHT_SPOT ? 0.3f : 0.0f;
+  light.outer_cone_angle_rad = type == GPURT_LIGHT_SPOT ? 0.7f : 0.0f;
+  uint32_t id;
+  GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, &id));
+}
+
+// A corner of a room with a glass ball, a rough metal and a mirror ball in it.
+Scene make_room(gpurt_device device, const Lights &lights, gpurt_accel accel = GPURT_ACCEL_BVH,
+                bool has_caustics = true)
+{
+  Scene scene;
+  GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, room(), add_material(scene, GPURT_MATERIAL_LAMBERT, {0.8f, 0.7f, 0.5f}));
+  const auto ball = [&](float x, float y, float radius, uint32_t material) {
+    Mesh m = icosphere(3);
+    m.map([&](std::array<float, 3> v) {
+      return std::array<float, 3>{v[0] * radius + x, v[1] * radius + y, v[2] * radius - 0.2f};
+    });
+    add_mesh(scene, m, material);
+  };
+  if (has_caustics) {
+    gpurt_material_desc glass = GPURT_MATERIAL_DESC_INIT;
+    glass.type = GPURT_MATERIAL_GLASS;
+    glass.ior = 1.5f;
+    uint32_t id;
+    GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &glass, &id));
+    ball(-0.4f, -0.6f, 0.35f, id);
+    ball(0.4f, 0.2f, 0.2f, add_material(scene, GPURT_MATERIAL_MIRROR, {0.9f, 0.9f, 0.9f}));
+  }
+  ball(0.3f, -0.7f, 0.25f, add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.8f, 0.7f}, {0, 0, 0}, 0.6f));
+  lights(scene);
+  add_camera(scene, {0, 0, 2.2f}, 0.9f);
+  commit(scene, accel);
+  return scene;
+}
+
+void add_lamp(gpurt_scene scene)
+{
+  add_mesh(scene,
+           quad({-0.3f, 0.95f, -0.3f}, {0.3f, 0.95f, -0.3f}, {0.3f, 0.95f, 0.3f}, {-0.3f, 0.95f, 0.3f}),
+           add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}, {6, 5, 4}));
+}
+
+Frame frame_of(gpurt_scene scene, uint64_t first_sample = 0)
+{
+  gpurt_frame_desc desc = GPURT_FRAME_DESC_INIT;
+  desc.width = desc.height = side;
+  desc.first_sample = first_sample;
+  Frame frame;
+  GPURT_EXPECT_OK(gpurt_frame_create(scene, &desc, frame.out()));
+  return frame;
+}
+
+gpurt_result submit(gpurt_frame frame, const Work &o, const std::vector<gpurt_tile> &tiles = {})
+{
+  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+  desc.pipeline = o.pipeline;
+  desc.samples_per_pixel = o.spp;
+  desc.max_depth = o.max_depth;
+  desc.tile_size = o.tile_size;
+  desc.photon = o.photon;
+  Job job;
+  const gpurt_result result =
+      gpurt_frame_submit(frame, &desc, tiles.empty() ? nullptr : tiles.data(), tiles.size(), job.out());
+  return result != GPURT_OK ? result : gpurt_job_wait(job, GPURT_WAIT_FOREVER);
+}
+
+std::vector<float> color_of(gpurt_frame frame)
+{
+  RenderOptions o;
+  o.width = o.height = side;
+  return read_color(frame, o);
+}
+
+std::vector<float> render_room(const Work &o)
+{
+  const Device device = make_device(GPURT_DEVICE_CPU, o.threads, o.memory_limit);
+  const Scene scene = make_room(device, add_lamp, o.accel);
+  const Frame frame = frame_of(scene);
+  GPURT_EXPECT_OK(submit(frame, o));
+  return color_of(frame);
+}
+
+TEST(PhotonBits, AreThoseOfAnyNumberOfThreadsTilesAndMaps)
+{
+  const std::vector<float> reference = render_room({});
+  Work one;
+  one.threads = 1;
+  one.tile_size = 8;
+  EXPECT_EQ(render_room(one), reference);
+  Work three;
+  three.threads = 3;
+  three.tile_size = 13;
+  three.accel = GPURT_ACCEL_KDTREE;
+  EXPECT_EQ(render_room(three), reference);
+  Work small;
+  small.threads = 1;
+  small.memory_limit = 5 << 20;
+  EXPECT_EQ(render_room(small), reference);
+}
+
+TEST(PhotonBits, AreThoseOfContinuedMergedAndSavedFrames)
+{
+  const Device device = make_device(GPURT_DEVICE_CPU);
+  const Scene scene = make_room(device, add_lamp);
+  const Frame whole = frame_of(scene);
+  Work o;
+  o.spp = 6;
+  ASSERT_EQ(submit(whole, o), GPURT_OK);
+  const std::vector<float> reference = color_of(whole);
+
+  // In steps, tile by tile, from the last to the first.
+  const Frame parts = frame_of(scene);
+  for (const uint32_t spp : {2u, 6u}) {
+    o.spp = spp;
+    for (const gpurt_tile tile : {gpurt_tile{0, 10, side, side}, gpurt_tile{0, 0, side, 10}})
+      ASSERT_EQ(submit(parts, o, {tile}), GPURT_OK);
+  }
+  EXPECT_EQ(color_of(parts), reference);
+
+  // By two workers, one of which hands its part over in a file.
+  const Frame first = frame_of(scene), second = frame_of(scene, 2);
+  o.spp = 2;
+  ASSERT_EQ(submit(first, o), GPURT_OK);
+  o.spp = 4;
+  ASSERT_EQ(submit(second, o), GPURT_OK);
+  const std::string path = testing::TempDir() + "/photon_part.gpurt";
+  GPURT_ASSERT_OK(gpurt_frame_save(second, path.c_str()));
+  gpurt_state_info info = GPURT_STATE_INFO_INIT;
+  GPURT_ASSERT_OK(gpurt_state_read_info(path.c_str(), &info));
+  EXPECT_EQ(info.pipeline, GPURT_PIPELINE_PHOTON);
+  EXPECT_GT(info.photon.initial_radius, 0);
+  EXPECT_EQ(info.photon.photons_per_pass, 16384u);
+  GPURT_ASSERT_OK(gpurt_frame_load_state(first, path.c_str()));
+  std::remove(path.c_str());
+  EXPECT_EQ(color_of(first), reference);
+}
+
+TEST(PhotonFrames, RefuseSamplesOfOtherSettings)
+{
+  const Device device = make_device(GPURT_DEVICE_CPU);
+  const Scene scene = make_room(device, add_lamp);
+  const Frame frame = frame_of(scene);
+  Work o;
+  o.spp = 1;
+  ASSERT_EQ(submit(frame, o), GPURT_OK);
+  const std::vector<std::function<void(gpurt_photon_settings &)>> changes = {
+      [](auto &s) { s.photons_per_pass = 100; }, [](auto &s) { s.initial_radius = 0.5f; },
+      [](auto &s) { s.kernel = GPURT_PHOTON_KERNEL_CONE; },
+      [](auto &s) { s.remedies = GPURT_PHOTON_REMEDY_NONE; }};
+  for (const auto &change : changes) {
+    Work other = o;
+    other.spp = 2;
+    change(other.photon);
+    EXPECT_EQ(submit(frame, other), GPURT_ERROR_INVALID_ARGUMENT);
+    const Frame foreign = frame_of(scene, 10);
+    ASSERT_EQ(submit(foreign, other), GPURT_OK);
+    EXPECT_EQ(gpurt_frame_merge(frame, foreign), GPURT_ERROR_INVALID_ARGUMENT);
+    EXPECT_NE(std::string(gpurt_last_error()).find("photon"), std::string::npos) << gpurt_last_error();
+  }
+  Work path = o;
+  path.pipeline = GPURT_PIPELINE_PATH;
+  EXPECT_EQ(submit(frame, path), GPURT_ERROR_INVALID_ARGUMENT);
+}
+
+// The noise of either mean is about 0.3 %, the bias of the radius less than 0.5 %.
+TEST(PhotonMeans, AreThoseOfPathTracingUnderEveryLight)
+{
+  const std::pair<const char *, Lights> kinds[] = {
+      {"point", [](gpurt_scene s) { add_light(s, GPURT_LIGHT_POINT, {0.2f, 0.6f, 0.3f}, {}, {1, 1, 1}); }},
+      {"spot",
+       [](gpurt_scene s) { add_light(s, GPURT_LIGHT_SPOT, {0, 0.8f, 0.5f}, {0, -0.8f, -0.6f}, {3, 3, 3}); }},
+      {"distant",
+       [](gpurt_scene s) { add_light(s, GPURT_LIGHT_DISTANT, {}, {-0.5f, -0.6f, -0.62f}, {2, 2, 2}); }},
+      {"environment", [](gpurt_scene s) { set_environment(s, 1); }},
+      {"two-sided lamp",
+       [](gpurt_scene s) {
+         gpurt_material_desc lamp = GPURT_MATERIAL_DESC_INIT;
+         for (int k = 0; k < 3; ++k) lamp.base_color[k] = 0.2f, lamp.emission[k] = 4;
+         lamp.two_sided_emission = 1;
+         uint32_t id;
+         GPURT_ASSERT_OK(gpurt_scene_add_material(s, &lamp, &id));
+         add_mesh(s, quad({-0.3f, 0.5f, -0.6f}, {0.3f, 0.5f, -0.6f}, {0.3f, 0.5f, 0}, {-0.3f, 0.5f, 0}), id);
+       }},
+  };
+  const Device device = make_device(GPURT_DEVICE_CPU);
+  for (const auto &[name, lights] : kinds) {
+    // Caustics of small lights are found by photons alone.
+    const std::string kind = name;
+    const bool has_caustics = kind == "environment";
+    const Scene scene = make_room(device, lights, GPURT_ACCEL_BVH, has_caustics);
+    Work o;
+    o.spp = 24;
+    o.photon.photons_per_pass = 16384;
+    o.photon.initial_radius = 0.04f;
+    const Frame photon = frame_of(scene), path = frame_of(scene);
+    ASSERT_EQ(submit(photon, o), GPURT_OK);
+    o.pipeline = GPURT_PIPELINE_PATH;
+    o.photon = GPURT_PHOTON_SETTINGS_INIT;
+    o.spp = 512;
+    ASSERT_EQ(submit(path, o), GPURT_OK);
+    const double a = mean(color_of(photon)), b = mean(color_of(path));
+    std::printf("%s: photon %.5f, path %.5f, ratio %.4f\n", name, a, b, a / b);
+    EXPECT_NEAR(a / b, 1, 0.01) << name;
+  }
+}
+
+}  // namespace
