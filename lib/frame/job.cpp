@@ -312,7 +312,10 @@ bool Job::render_to(uint64_t num_samples)
     render_pass(units);
     const double seconds = steady_seconds() - before;
     frame_->add_render_seconds(seconds);
-    if (done_ > done_before) seconds_per_path_ = seconds / double(done_ - done_before);
+    pass_seconds_ += seconds;
+    // Passes of photon mapping are alike and short: one that was slow by chance must not end the job.
+    if (has_photons() && done_ > 0) seconds_per_path_ = pass_seconds_ / double(done_);
+    else if (done_ > done_before) seconds_per_path_ = seconds / double(done_ - done_before);
   }
   return true;
 }

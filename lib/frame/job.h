@@ -59,7 +59,8 @@ class Job {
   EmissionTable emission_;  // of photon mapping
   PhotonRequest photon_request_{};
   double start_seconds_ = 0;
-  double seconds_per_path_ = 0;  // wall time, of the last pass; 0: not measured yet
+  double seconds_per_path_ = 0;  // wall time, of the last pass, or of all for photons; 0: not measured yet
+  double pass_seconds_ = 0;      // of all passes
 
   std::mutex progress_mutex_;  // serialises the caller's callback
   double last_report_seconds_ = 0;
