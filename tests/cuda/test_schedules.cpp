@@ -246,6 +246,9 @@ std::vector<QuerySchedule> render_schedules(gpurt_accel accel)
       [](auto &s) { s.compaction = GPURT_COMPACTION_LIBRARY_SCAN; });
   add("sorted", {&Counters::sorted_hits}, "path stage 'shade', sorted by material",
       [](auto &s) { s.shading = GPURT_SHADING_SORTED; });
+  add("slots", {}, "path stage 'shade'", [](auto &s) { s.generation = GPURT_GENERATION_SLOTS; });
+  add("refilled", {}, "kernel that shades a pool's paths",
+      [](auto &s) { s.generation = GPURT_GENERATION_REFILLED; });
   add("counted", {&Counters::counted_rays}, "kernel that counts the rays of materials and lights",
       [](auto &s) { s.generation = GPURT_GENERATION_COUNTED; });
   add("counted, pyramid, split", {&Counters::counted_rays, &Counters::wave_splits},
@@ -372,6 +375,30 @@ TEST(CudaSchedules, BudgetOfRaysBoundsMemory)
     peaks[i] = s.memory_peak_bytes;
   }
   EXPECT_LT(peaks[1], peaks[0]);
+}
+
+// A pool that is smaller than the picture starts paths where others have ended.
+TEST(CudaSchedules, PoolsRefillInLittleMemory)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  RenderOptions o;
+  o.width = o.height = 256;
+  o.spp = uint32_t(amount(16, 4));
+  std::vector<std::vector<OutputBits>> pictures;
+  for (const uint64_t limit : {uint64_t(0), uint64_t(32) << 20}) {
+    const Device device = make_device(GPURT_DEVICE_CUDA, 0, limit);
+    const Scene scene = make_scene(device, fill_cornell_box);
+    const Frame frame = make_frame(scene, o, all_outputs);
+    render(frame, o);
+    const gpurt_statistics s = statistics(frame);
+    EXPECT_EQ(s.schedule.generation, GPURT_GENERATION_REFILLED);
+    if (limit != 0) {
+      EXPECT_GT(s.schedule_counters.path_refills, 0u);
+      EXPECT_LE(s.memory_peak_bytes, limit);
+    }
+    pictures.push_back(read_all(frame, o));
+  }
+  expect_same(pictures[0], pictures[1]);
 }
 
 TEST(Schedules, OfTilesOfTheCpuGiveTheSameImages)

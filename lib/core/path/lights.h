@@ -13,10 +13,10 @@
 namespace gpurt {
 
 struct LightSample {
-  Vec3f target;    // where the shadow ray ends; a direction if the light is at infinity
-  Vec3f radiance;  // divided by nothing: radiance of lamps and the environment, irradiance of deltas at p
-  Vec3f wi;        // unit, towards the light
-  float pdf;       // solid angle, choice included; for deltas the probability of the choice
+  Vec3f target;       // where the shadow ray ends; a direction if the light is at infinity
+  Vec3f radiance;     // divided by nothing: radiance of lamps and the environment, irradiance of deltas at p
+  Vec3f wi;           // unit, towards the light
+  float pdf;          // solid angle, choice included; for deltas the probability of the choice
   uint32_t triangle;  // of the lamp that target is on; invalid_id: another kind of light
   bool is_delta;
   bool at_infinity;

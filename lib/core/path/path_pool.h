@@ -17,7 +17,9 @@ struct alignas(16) PoolPath {
   uint32_t number;  // of the path in its unit
   Vec3f normal;
   uint32_t depth;  // of the ray that is traced next
-  SampleKey key;
+  uint64_t seed;   // the key of the path's samples
+  uint32_t reversed_index;
+  uint32_t padding;
 };
 
 struct alignas(16) PathResult {
@@ -48,7 +50,8 @@ struct StartPaths {
     const Vec2f u = sample_2d(key, dim_pixel);
     float depth_per_t;
     queue.rays[slot + i] = camera_ray(settings.camera, float(s.x) + u.x, float(s.y) + u.y, depth_per_t);
-    queue.paths[slot + i] = {vec3(1.0f), 0.0f, vec3(0.0f), first + i, vec3(0.0f), 1, key};
+    queue.paths[slot + i] = {vec3(1.0f), 0.0f,     vec3(0.0f),         first + i, vec3(0.0f),
+                             1,          key.seed, key.reversed_index, 0};
     queue.left_out[slot + i] = invalid_id;
     results[first + i] = {vec3(0.0f), 0};
   }

@@ -23,7 +23,7 @@ struct NearBatch {
   HitLayout layout;  // of closest hits
   void *results;     // hits, or a byte a ray
   bool aligned_rays, aligned_results;
-  uint32_t *next_ray;      // the pool's counter
+  uint32_t *next_ray;                   // the pool's counter
   const uint32_t *left_out, *ended_at;  // as in RayOrder
   const uint32_t *probed;  // what the rays' order was found to be, a Coherence; null: known before the launch
   uint32_t *num_groups;    // groups of candidates; those beyond the capacity are listed rays

@@ -30,8 +30,7 @@ PoolMemory::Arrays PoolMemory::lay_out(std::byte *base, uint64_t n, uint64_t uni
 {
   Layout layout(base);
   Arrays a;
-  for (PathQueue &q : a.queues)
-    q = {layout.take<PoolPath>(n), layout.take<Ray>(n), layout.take<uint32_t>(n)};
+  for (PathQueue &q : a.queues) q = {layout.take<PoolPath>(n), layout.take<Ray>(n), layout.take<uint32_t>(n)};
   a.hits = layout.take<Hit>(n);
   a.shadows.queue = {layout.take<Ray>(n), layout.take<uint32_t>(n), layout.take<Vec3f>(n)};
   a.shadows.left_out = layout.take<uint32_t>(n);

@@ -69,7 +69,8 @@ __device__ __forceinline__ void store_ray(Ray *to, const Ray &ray)
 
 // Where this thread's item goes in a queue of `number` items so far: one atomic addition a block. In which order blocks
 // come changes no result.
-__device__ __forceinline__ uint32_t take_place(bool has_item, uint32_t *number, uint32_t (&shared)[num_warps + 1])
+__device__ __forceinline__ uint32_t take_place(bool has_item, uint32_t *number,
+                                               uint32_t (&shared)[num_warps + 1])
 {
   const unsigned lane = threadIdx.x % warp_size, warp = threadIdx.x / warp_size;
   const unsigned votes = __ballot_sync(~0u, has_item);
@@ -88,7 +89,8 @@ __device__ __forceinline__ uint32_t take_place(bool has_item, uint32_t *number, 
   return shared[num_warps] + shared[warp] + __popc(votes & ((1u << lane) - 1u));
 }
 
-__global__ void __launch_bounds__(block_size) shade_pool_kernel(const __grid_constant__ PoolStep s, uint32_t n)
+__global__ void __launch_bounds__(block_size)
+    shade_pool_kernel(const __grid_constant__ PoolStep s, uint32_t n)
 {
   __shared__ uint32_t next_places[num_warps + 1], shadow_places[num_warps + 1];
   const uint64_t i = thread_item();
@@ -102,18 +104,24 @@ __global__ void __launch_bounds__(block_size) shade_pool_kernel(const __grid_con
     const Ray ray = s.from.rays[i];
     const Hit hit = s.hits[i];
     triangle = hit.triangle;
-    state = {path.throughput, path.pdf, path.position, path.normal, vec3(0.0f), path.key, 0};
+    state = {path.throughput,
+             path.pdf,
+             path.position,
+             path.normal,
+             vec3(0.0f),
+             {path.seed, path.reversed_index},
+             0};
     if (path.depth == 1 && (s.film.features != nullptr || s.film.first_hits != nullptr)) {
       const PathSample sample = path_sample(s.unit, path.number);
       // Sums of integers: any order gives the same bits.
-      EyeFeatures{s.scene, s.settings, s.film}(sample.sample, sample.local, ray, hit,
-                                               [](int64_t &sum, int64_t term) {
-                                                 atomicAdd(reinterpret_cast<unsigned long long *>(&sum),
-                                                           static_cast<unsigned long long>(term));
-                                               });
+      EyeFeatures{s.scene, s.settings, s.film}(
+          sample.sample, sample.local, ray, hit, [](int64_t &sum, int64_t term) {
+            atomicAdd(reinterpret_cast<unsigned long long *>(&sum), static_cast<unsigned long long>(term));
+          });
     }
     PathVertex{s.scene, s.settings, path.depth}.shade(ray, hit, state, MadeRaysSink{made});
-    const bool has_radiance = state.radiance.x != 0.0f || state.radiance.y != 0.0f || state.radiance.z != 0.0f;
+    const bool has_radiance =
+        state.radiance.x != 0.0f || state.radiance.y != 0.0f || state.radiance.z != 0.0f;
     if (has_radiance || state.covered != 0) {
       PathResult &result = s.results[path.number];
       result = {result.radiance + state.radiance, result.covered | state.covered};
@@ -121,8 +129,9 @@ __global__ void __launch_bounds__(block_size) shade_pool_kernel(const __grid_con
   }
   const uint32_t next_place = take_place(made.has_next, s.numbers, next_places);
   if (made.has_next) {
-    s.to.paths[next_place] = {state.throughput, state.pdf, state.position, path.number,
-                              state.normal,     path.depth + 1, state.key};
+    s.to.paths[next_place] = {state.throughput, state.pdf,           state.position,
+                              path.number,      state.normal,        path.depth + 1,
+                              path.seed,        path.reversed_index, 0};
     store_ray(s.to.rays + next_place, made.next);
     s.to.left_out[next_place] = s.leaves_out ? leave_out(s.scene, made.next, triangle) : invalid_id;
   }
@@ -200,7 +209,8 @@ class Pool {
         order = {Coherence::Incoherent, 0, memory_.trace_scratch(), shadows.left_out, shadows.ended_at};
       launch_any(scene_, shadows.queue.rays, n, shadows.occluded, order, stream_);
     }
-    launch("kernel that adds direct light", add_direct_light_kernel, n, stream_, shadows, memory_.results(), n);
+    launch("kernel that adds direct light", add_direct_light_kernel, n, stream_, shadows, memory_.results(),
+           n);
     counters_.num_shadow_rays += n;
   }
 

@@ -47,11 +47,7 @@ class StreamExecutor {
  public:
   StreamExecutor(const TraceScene &scene, const std::atomic<bool> *cancelled, WaveMemory &memory,
                  cudaStream_t stream, WaveCounters &counters)
-      : scene_(scene),
-        cancelled_(cancelled),
-        memory_(memory),
-        stream_(stream),
-        counters_(counters)
+      : scene_(scene), cancelled_(cancelled), memory_(memory), stream_(stream), counters_(counters)
   {
     memory_.clock.start(stream_);
   }
