@@ -249,6 +249,23 @@ def test_pipelines_that_do_not_exist_yet(box):
             box.render(pipeline, width=8, height=8, spp=1)
 
 
+def test_photon_mapping(box):
+    photon = {"photons_per_pass": 4096, "initial_radius": 0.1, "kernel": "cone", "remedies": ("normal", "side")}
+    frame = gpurt.Frame(box, width=16, height=16)
+    frame.submit("photon", spp=2, photon=photon).wait()
+    statistics = frame.statistics
+    assert statistics.pipeline == "photon"
+    assert statistics.photon == {**photon, "initial_radius": np.float32(0.1)}
+    assert statistics.photon_counters["num_emitted"] == 2 * 4096
+    assert np.isfinite(frame.read("color")).all()
+    with pytest.raises(gpurt.InvalidArgument, match="initial_radius"):
+        frame.submit("photon", spp=3, photon={"initial_radius": 0.2})
+    with pytest.raises(gpurt.InvalidArgument, match="gather"):
+        frame.submit("photon", photon={"gather": 1})
+    frame.submit("photon", spp=3).wait()
+    assert box.render("path", width=8, height=8, spp=1).frame.statistics.photon == {}
+
+
 def test_an_image_outlives_its_makers(device):
     image = make_box(device).render(width=8, height=8, spp=1)
     assert image.frame.scene.facts.is_committed

@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 #include <set>
+#include <tuple>
 #include <vector>
 
 #include "arrays.h"
@@ -44,7 +45,8 @@ std::unique_ptr<Frame> create(const Scene &scene, uint32_t width, uint32_t heigh
 std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pixel, float target_error,
                             double time_limit, uint32_t max_depth, uint32_t tile_size,
                             const py::object &tiles, const py::object &progress,
-                            const std::array<uint64_t, 7> &schedule)
+                            const std::array<uint64_t, 7> &schedule,
+                            const std::tuple<uint32_t, float, int, uint32_t> &photon)
 {
   auto job = std::make_unique<Job>(CallbackId(progress));
   gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
@@ -61,6 +63,9 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
   desc.schedule.shading = static_cast<gpurt_shading>(schedule[4]);
   desc.schedule.generation = static_cast<gpurt_generation>(schedule[5]);
   desc.schedule.ray_budget = schedule[6];
+  int kernel = 0;
+  std::tie(desc.photon.photons_per_pass, desc.photon.initial_radius, kernel, desc.photon.remedies) = photon;
+  desc.photon.kernel = static_cast<gpurt_photon_kernel>(kernel);
   if (job->progress.is_set()) {
     desc.progress = forward_progress;
     desc.progress_user = job->progress.user();
@@ -106,6 +111,8 @@ py::dict get_statistics(const Frame &frame)
   call([&] { return gpurt_frame_get_statistics(frame.handle.get(), &s); });
   const gpurt_schedule &schedule = s.schedule;
   const gpurt_schedule_counters &counters = s.schedule_counters;
+  const gpurt_photon_settings &photon = s.photon;
+  const gpurt_photon_counters &photons = s.photon_counters;
   return py::dict(
       "pipeline"_a = static_cast<int>(s.pipeline), "accel"_a = static_cast<int>(s.accel),
       "triangle_test"_a = static_cast<int>(s.triangle_test), "max_depth"_a = s.max_depth,
@@ -131,7 +138,16 @@ py::dict get_statistics(const Frame &frame)
                    "packets"_a = counters.packets, "shared_triangles"_a = counters.shared_triangles,
                    "compactions"_a = counters.compactions, "sorted_hits"_a = counters.sorted_hits,
                    "counted_rays"_a = counters.counted_rays, "wave_splits"_a = counters.wave_splits,
-                   "path_refills"_a = counters.path_refills));
+                   "path_refills"_a = counters.path_refills),
+      "photon"_a =
+          py::dict("photons_per_pass"_a = photon.photons_per_pass, "initial_radius"_a = photon.initial_radius,
+                   "kernel"_a = static_cast<int>(photon.kernel), "remedies"_a = photon.remedies),
+      "photon_counters"_a = py::dict(
+          "num_emitted"_a = photons.num_emitted, "num_rays"_a = photons.num_rays,
+          "num_stored"_a = photons.num_stored, "num_gathered"_a = photons.num_gathered,
+          "num_visible"_a = photons.num_visible, "num_sub_passes"_a = photons.num_sub_passes,
+          "trace_seconds"_a = photons.trace_seconds, "build_seconds"_a = photons.build_seconds,
+          "gather_seconds"_a = photons.gather_seconds, "smallest_radius"_a = photons.smallest_radius));
 }
 
 // True when the job has ended well, False when it still runs; its failure is raised.
@@ -197,7 +213,7 @@ void bind_frame(py::module_ &module)
            py::arg("outputs"), py::arg("frame_index"), py::arg("seed"), py::arg("first_sample"))
       .def("submit", submit, py::arg("pipeline"), py::arg("samples_per_pixel"), py::arg("target_error"),
            py::arg("time_limit"), py::arg("max_depth"), py::arg("tile_size"), py::arg("tiles"),
-           py::arg("progress"), py::arg("schedule"))
+           py::arg("progress"), py::arg("schedule"), py::arg("photon"))
       .def("read", read, py::arg("output"), py::arg("data"))
       .def("save", save, py::arg("path"))
       .def("merge", merge, py::arg("other"))

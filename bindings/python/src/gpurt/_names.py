@@ -49,4 +49,6 @@ SCHEDULE = {
     "shading": Names("shading", "auto", "immediate", "sorted"),
     "generation": Names("generation", "auto", "slots", "counted", "refilled"),
 }
+PHOTON_KERNEL = Names("kernel", "auto", "constant", "cone")
+PHOTON_REMEDY = Names("remedies", "normal", "plane", "side", "boundary")
 PIPELINE = Names("pipeline", "auto", "path", "photon", "reyes", "hybrid")

@@ -13,7 +13,7 @@ import numpy as np
 from gpurt import _core
 from gpurt._arrays import Array, PathLike, as_array, shape_text, to_count, to_number, to_path, to_uint32
 from gpurt._callbacks import Callback, check_callable
-from gpurt._names import ACCEL, OUTPUT, PIPELINE, SCHEDULE, TRIANGLE_TEST
+from gpurt._names import ACCEL, OUTPUT, PHOTON_KERNEL, PHOTON_REMEDY, PIPELINE, SCHEDULE, TRIANGLE_TEST
 from gpurt.device import refuse_pickling
 from gpurt.errors import Cancelled, Error, InvalidArgument, Timeout
 
@@ -67,6 +67,8 @@ class Statistics:
     reason: str  #: why settings were chosen
     schedule: Dict[str, Any]  #: how the device went about it, as submit() takes it
     schedule_counters: Dict[str, int]  #: what schedules did
+    photon: Dict[str, Any]  #: settings of photon mapping, resolved, as submit() takes them; empty for other pipelines
+    photon_counters: Dict[str, float]  #: what photon mapping did
 
 
 def _schedule_values(schedule: Optional[Mapping[str, Any]]) -> List[int]:
@@ -78,6 +80,35 @@ def _schedule_values(schedule: Optional[Mapping[str, Any]]) -> List[int]:
         raise InvalidArgument(f"schedule: {next(iter(given))!r} is none of "
                               f"{', '.join(map(repr, (*SCHEDULE, 'ray_budget')))}")
     return values
+
+
+_NO_REMEDY = 1 << len(PHOTON_REMEDY.names)  # GPURT_PHOTON_REMEDY_NONE
+
+
+def _photon_values(photon: Optional[Mapping[str, Any]]) -> Tuple[int, float, int, int]:
+    """photons_per_pass, initial_radius, kernel and remedies of gpurt_photon_settings."""
+    given = dict(photon or {})
+    count = to_count(given.pop("photons_per_pass", 0), "photons_per_pass")
+    radius = to_number(given.pop("initial_radius", 0), "initial_radius")
+    kernel = PHOTON_KERNEL.value(given.pop("kernel", "auto"))
+    remedies = given.pop("remedies", None)
+    bits = 0
+    if remedies is not None:
+        for name in (remedies,) if isinstance(remedies, str) else remedies:
+            bits |= 1 << PHOTON_REMEDY.value(name)
+        bits = bits or _NO_REMEDY
+    if given:
+        raise InvalidArgument(f"photon: {next(iter(given))!r} is none of 'photons_per_pass', 'initial_radius', "
+                              "'kernel', 'remedies'")
+    return count, radius, kernel, bits
+
+
+def _photon_names(values: Mapping[str, Any]) -> Dict[str, Any]:
+    """What submit() takes, from gpurt_photon_settings."""
+    if not values["photons_per_pass"]:
+        return {}
+    remedies = tuple(name for i, name in enumerate(PHOTON_REMEDY.names) if values["remedies"] >> i & 1)
+    return {**values, "kernel": PHOTON_KERNEL.name(values["kernel"]), "remedies": remedies}
 
 
 class Frame:
@@ -116,7 +147,8 @@ class Frame:
     def submit(self, pipeline: str = "auto", *, spp: int = 0, error: float = 0, time: float = 0, max_depth: int = 0,
                tile_size: int = 0, tiles: Any = None,
                progress: Optional[Callable[[float, float], Any]] = None,
-               schedule: Optional[Mapping[str, Any]] = None) -> "Job":
+               schedule: Optional[Mapping[str, Any]] = None,
+               photon: Optional[Mapping[str, Any]] = None) -> "Job":
         """Starts rendering and returns at once.
 
         :param pipeline: "auto", "path", "photon", "reyes" or "hybrid".
@@ -132,6 +164,9 @@ class Frame:
             "uber"), launch ("regular", "persistent"), fetch ("per_thread", "packets"), compaction ("block_scan",
             "pyramid", "naive_scan", "library_scan"), shading ("immediate", "sorted"), generation ("slots",
             "counted", "refilled"), ray_budget. What is left out is "auto", the library's choice.
+        :param photon: settings of the pipeline "photon", by name: photons_per_pass, initial_radius (metres), kernel
+            ("constant", "cone"), remedies (any of "normal", "plane", "side", "boundary"; () for none). What is left
+            out is the library's choice, or what the frame's samples were made with.
 
         Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,
         and the image has the same bits as if it had run at once. Jobs of one frame run one after another. A job
@@ -151,7 +186,7 @@ class Frame:
             job = self._core.submit(PIPELINE.value(pipeline), to_count(spp, "spp"), to_number(error, "error"),
                                     to_number(time, "time"), to_count(max_depth, "max_depth"),
                                     to_count(tile_size, "tile_size"), rectangles, callback,
-                                    _schedule_values(schedule))
+                                    _schedule_values(schedule), _photon_values(photon))
         return Job(self, job, callback)
 
     def read(self, output: str = "color") -> Array:
@@ -180,7 +215,8 @@ class Frame:
                              "accel": ACCEL.name(values["accel"]),
                              "triangle_test": TRIANGLE_TEST.name(values["triangle_test"]),
                              "schedule": {field: SCHEDULE[field].name(value) if field in SCHEDULE else value
-                                          for field, value in values["schedule"].items()}})
+                                          for field, value in values["schedule"].items()},
+                             "photon": _photon_names(values["photon"])})
 
     def save(self, path: PathLike) -> None:
         """Writes the frame to a file, by its extension.

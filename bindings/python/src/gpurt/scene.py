@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Callable, Literal, NamedTuple, NoReturn, Optional, Sequence, Tuple, Union, overload
+from typing import Any, Callable, Literal, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple, Union, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -454,7 +454,8 @@ class Scene:
     def render(self, pipeline: str = "auto", *, width: int = 0, height: int = 0, spp: int = 0, error: float = 0,
                time: float = 0, seed: int = 0, camera: int = 0, outputs: Sequence[str] = ("color",),
                max_depth: int = 0, tile_size: int = 0, frame_index: int = 0, first_sample: int = 0,
-               progress: Optional[Callable[[float, float], Any]] = None) -> Image:
+               progress: Optional[Callable[[float, float], Any]] = None,
+               photon: Optional[Mapping[str, Any]] = None) -> Image:
         """Renders a picture and waits for it.
 
         Parameters as for gpurt.Frame and Frame.submit. Ctrl-C, and an exception of progress, cancel the rendering.
@@ -463,7 +464,7 @@ class Scene:
         frame = Frame(self, width=width, height=height, camera=camera, outputs=outputs, seed=seed,
                       frame_index=frame_index, first_sample=first_sample)
         with frame.submit(pipeline, spp=spp, error=error, time=time, max_depth=max_depth, tile_size=tile_size,
-                          progress=progress) as job:
+                          progress=progress, photon=photon) as job:
             job.wait()
         return frame.image()
 
