@@ -272,6 +272,40 @@ TEST_P(Photons, HaveTheSameBitsInAnyOrderOfQueriesAndForAnyNumberOfThreads)
   }
 }
 
+// The lists hold the same points; sums are in another order.
+TEST_P(Photons, FromListsOfNodesAreThoseOfTheGrid)
+{
+  for (const Set &set : photon_sets::all(num_points)) {
+    const MapPoints points = with_payload(set);
+    std::vector<Point> places = photon_sets::queries(set, num_queries, 12);
+    places.push_back({NAN, 0, 0});
+    const PhotonMap map = make_map(device_, points, set.radius, 1);
+    for (const float scale : {1.0f, 0.3f}) {
+      for (const bool has_normals : {false, true}) {
+        gpurt_photon_query_desc desc = query_desc(GPURT_PHOTON_QUERY_LIST, places, set.radius * scale);
+        if (has_normals) desc.normals = places.data()->data();
+        const Answers grid = ask(map, desc);
+        desc.method = GPURT_GATHER_NODE_LISTS;
+        const Answers lists = ask_both(points, set.radius, 1, desc);
+        ASSERT_EQ(lists.offsets, grid.offsets) << set.name;
+        for (size_t q = 0; q < places.size(); ++q) ASSERT_EQ(lists.listed(q), grid.listed(q)) << set.name;
+        desc.query = GPURT_PHOTON_QUERY_SUM;
+        desc.kernel = GPURT_GATHER_KERNEL_CONE;
+        const Answers sums = ask_both(points, set.radius, 1, desc);
+        desc.method = GPURT_GATHER_GRID;
+        const Answers grid_sums = ask(map, desc);
+        ASSERT_EQ(sums.counts, grid_sums.counts);
+        for (size_t q = 0; q < places.size(); ++q) {
+          // n additions of single precision in either order.
+          const float n = float(sums.counts[q]);
+          for (int k = 0; k < 3; ++k)
+            ASSERT_NEAR(sums.sums[q][k], grid_sums.sums[q][k], n * n * 256 * 0x1p-23f);
+        }
+      }
+    }
+  }
+}
+
 TEST_P(Photons, AnswerManyThreadsAtOnce)
 {
   const Set set{"", photon_sets::surface(20000, 4), 0.01f};
@@ -433,6 +467,8 @@ TEST_P(Photons, RefuseWhatIsNotAllowed)
   refuses_query(map, GPURT_PHOTON_QUERY_NEAREST, "radius_hint", [](D &d) { d.radius_hint = NAN; });
   refuses_query(map, GPURT_PHOTON_QUERY_NEAREST, "ids", [](D &d) { d.ids = nullptr; });
   refuses_query(map, GPURT_PHOTON_QUERY_NEAREST, "normals", [&](D &d) { d.normals = d.positions; });
+  refuses_query(map, GPURT_PHOTON_QUERY_NEAREST, "NODE_LISTS",
+                [](D &d) { d.method = GPURT_GATHER_NODE_LISTS; });
   refuses_query(map, GPURT_PHOTON_QUERY_LIST, "capacity", [](D &d) { d.capacity = 10; });
   // It tells what it needs.
   gpurt_photon_query_desc desc = query_desc(GPURT_PHOTON_QUERY_COUNT, places, 0.1f);

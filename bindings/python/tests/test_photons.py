@@ -33,6 +33,7 @@ def test_counts_sums_and_lists_are_those_of_numpy(photons):
     counts = photons.count(PLACES)
     assert counts.dtype == np.uint32 and np.array_equal(counts, inside.sum(-1))
     assert np.array_equal(photons.count(PLACES, 0.2), (distances_of(PLACES) < 0.2).sum(-1))
+    assert np.array_equal(photons.count(PLACES, method="node_lists"), counts)
     sums = photons.sum(PLACES)
     assert sums.shape == (40, 5, 3) and np.array_equal(sums, counts[..., None] * np.float32([1, 0.5, 0]))
     cone = photons.sum(PLACES, kernel="cone")

@@ -147,6 +147,19 @@ GPURT_INLINE GridWalk begin_walk(const GridShape &shape, Vec3f p, float radius)
   return walk;
 }
 
+// A square root within 2^-20, for bounds alone: which photons are looked at may differ from device to device, but not which
+// are within the radius, nor their order.
+GPURT_INLINE float rough_sqrt(float x)
+{
+#if defined(__CUDA_ARCH__)
+  float root;
+  asm("sqrt.approx.f32 %0, %1;" : "=f"(root) : "f"(x));
+  return root;
+#else
+  return sqrt(x);
+#endif
+}
+
 // Photons [begin, end) and [begin2, end2) of a row: the second range is the part of a row that starts over.
 struct RowRanges {
   uint32_t begin, end, begin2, end2;
@@ -169,7 +182,8 @@ GPURT_INLINE RowRanges row_ranges(const PhotonGrid &grid, const GridWalk &walk, 
   const float gap_z = walk.z_wraps ? 0.0f : cell_gap(walk.u.z, walk.slack.z, z);
   const float chord2 = fma(walk.reach, walk.reach, -fma(gap_y, gap_y, gap_z * gap_z));
   if (!(chord2 >= 0.0f)) return {0, 0, 0, 0};
-  const CellRange x = cell_range(walk.u.x, sqrt(chord2) * reach_widening + walk.slack.x, shape.num_cells.x);
+  const CellRange x =
+      cell_range(walk.u.x, rough_sqrt(chord2) * reach_widening + walk.slack.x, shape.num_cells.x);
   if (x.first > x.last) return {0, 0, 0, 0};
   const uint32_t row = grid_entry(shape, 0, uint32_t(y), uint32_t(z));
   if (x.last - x.first >= int(shape.width.x))

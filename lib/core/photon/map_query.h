@@ -57,13 +57,15 @@ GPURT_INLINE float kernel_weight(const RangeQuery &query, float d2)
 
 GPURT_INLINE void add(FluxSum &sum, uint32_t flux_code, float weight)
 {
-  const Vec3f flux = decode_flux(flux_code);
-  sum.flux = {fma(flux.x, weight, sum.flux.x), fma(flux.y, weight, sum.flux.y),
-              fma(flux.z, weight, sum.flux.z)};
+  // The unit is a power of 2: it does not matter what it is multiplied with first.
+  const float unit = flux_unit(flux_code) * weight;
+  sum.flux = {fma(byte_to_float(flux_code, 0), unit, sum.flux.x),
+              fma(byte_to_float(flux_code, 1), unit, sum.flux.y),
+              fma(byte_to_float(flux_code, 2), unit, sum.flux.z)};
   ++sum.count;
 }
 
-// Sums that test normals are made of this many parts: photon i of a range goes to part i mod 4. So four lanes of a warp
+// Sums that test normals are made of this many parts: photon i of the grid goes to part i mod 4. So four lanes of a warp
 // can share a query, and a single thread gets the same bits.
 constexpr uint32_t num_flux_parts = 4;
 
@@ -94,32 +96,47 @@ GPURT_INLINE float key_distance2(uint64_t key) { return float_from_bits(uint32_t
 
 /// A search for the k nearest points by gathers within growing radii. Once a gather finds k points they are the nearest.
 struct NearestSearch {
-  float radius;        // of the next gather
-  float whole_radius;  // within which all points that may count lie
+  float radius;  // of the next gather
+  float limit;   // points farther away do not count; infinite: all may
 };
 
-// `limit`: points farther away do not count; infinite: all may. `hint`: about what holds k points; 0: not known.
-GPURT_INLINE NearestSearch begin_nearest(const PhotonLevels &levels, Vec3f p, float limit, float hint)
+GPURT_INLINE bool is_within(const Box &b, Vec3f p)
 {
-  // Distances to the nearest and the farthest corner of the bounds, rounded up.
-  const Vec3f below = levels.bounds.lo - p, above = p - levels.bounds.hi;
-  const Vec3f outside = max(max(below, above), Vec3f{0, 0, 0}), farthest = max(abs(below), abs(above));
-  const float to_bounds = length(outside) * reach_widening, all = length(farthest) * reach_widening;
-  NearestSearch search;
-  // Larger than any distance, as a radius must be: also where all points lie at p.
-  search.whole_radius = min(limit, max(next_up(all), 0x1p-60f));
-  const float first = (hint > 0.0f ? hint : levels.grids[0].shape.cell * 1.2f) + to_bounds;
-  search.radius = min(first, search.whole_radius);
+  return p.x >= b.lo.x && p.y >= b.lo.y && p.z >= b.lo.z && p.x <= b.hi.x && p.y <= b.hi.y && p.z <= b.hi.z;
+}
+
+// `hint`: about what holds k points; 0: not known.
+GPURT_INLINE NearestSearch begin_nearest(const PhotonLevels &levels, Vec3f p, uint32_t k, float limit,
+                                         float hint)
+{
+  const GridShape &shape = levels.grids[0].shape;
+  NearestSearch search = {hint, limit};
+  if (!(hint > 0.0f)) {
+    search.radius = 1.2f * shape.cell;
+    // Where the cell of the point is crowded, a part of it holds enough.
+    const uint32_t entry = query_entry(shape, p);
+    const uint32_t crowd = load_start(levels.grids[0], entry + 1) - load_start(levels.grids[0], entry);
+    if (crowd > k) search.radius = max(search.radius * rough_sqrt(float(k) / float(crowd)), 0x1.8p-62f);
+  }
+  if (!is_within(levels.bounds, p)) {
+    const Vec3f outside = max(max(levels.bounds.lo - p, p - levels.bounds.hi), Vec3f{0, 0, 0});
+    search.radius += length(outside) * reach_widening;
+  }
+  search.radius = min(search.radius, limit);
   return search;
 }
 
 // After a gather that found fewer than k points within the radius. Returns false where there are no more.
-GPURT_INLINE bool grow(NearestSearch &search, uint32_t found, uint32_t k)
+GPURT_INLINE bool grow(const PhotonLevels &levels, Vec3f p, NearestSearch &search, uint32_t found, uint32_t k)
 {
-  if (!(search.radius < search.whole_radius)) return false;
+  // The farthest corner of the bounds, rounded up. As a radius, it must be larger than any distance, also where all points
+  // lie at p.
+  const Vec3f farthest = max(abs(levels.bounds.lo - p), abs(levels.bounds.hi - p));
+  const float whole = min(search.limit, max(next_up(length(farthest) * reach_widening), 0x1p-60f));
+  if (!(search.radius < whole)) return false;
   // As if points lay on a surface, and a little more, since every gather starts again.
-  const float ratio = found == 0 ? 4.0f : sqrt(float(k) / float(found)) * 1.15f;
-  search.radius = min(search.radius * clamp(ratio, 1.3f, 4.0f), search.whole_radius);
+  const float ratio = found == 0 ? 4.0f : rough_sqrt(float(k) / float(found)) * 1.15f;
+  search.radius = min(search.radius * clamp(ratio, 1.3f, 4.0f), whole);
   return true;
 }
 

@@ -69,10 +69,23 @@ GPURT_INLINE uint32_t encode_flux(Vec3f flux, uint32_t seed)
   return code;
 }
 
+// Byte k of a word as a float: put behind the bits of 2^23, from which it is then taken. Processors convert few integers at
+// a time.
+GPURT_INLINE float byte_to_float(uint32_t word, int k)
+{
+#if defined(__CUDA_ARCH__)
+  return __uint_as_float(__byte_perm(word, 0x4b000000u, 0x7440u + unsigned(k))) - 0x1p23f;
+#else
+  return float_from_bits(0x4b000000u | (word >> (8 * k) & 0xffu)) - 0x1p23f;
+#endif
+}
+
+GPURT_INLINE float flux_unit(uint32_t code) { return float_from_bits((code >> 24) << 23); }
+
 GPURT_INLINE Vec3f decode_flux(uint32_t code)
 {
-  const float unit = float_from_bits((code >> 24) << 23);
-  return {float(code & 0xffu) * unit, float((code >> 8) & 0xffu) * unit, float((code >> 16) & 0xffu) * unit};
+  const float unit = flux_unit(code);
+  return {byte_to_float(code, 0) * unit, byte_to_float(code, 1) * unit, byte_to_float(code, 2) * unit};
 }
 
 // A unit vector as a point of the octahedron |x| + |y| + |z| = 1, unfolded to a square of 16 x 16 bits.

@@ -19,7 +19,7 @@ GPURT_INLINE void gather_counted(const GatherBatch &batch, uint64_t query, Visit
       const float d2 = length2(probe.position - p);
       if (!(d2 < radius2)) continue;
       if (Normals && normal_dot(normal, batch.grid.rests[i].normal) <= batch.range.min_dot) continue;
-      visit(i, d2, probe, (i - begin) % num_flux_parts);
+      visit(i, d2, probe, i % num_flux_parts);
     }
   });
 }

@@ -165,9 +165,7 @@ void CpuPhotonMap::query(const PhotonQuery &query) const
 
 void CpuPhotonMap::gather(const PhotonQuery &query) const
 {
-  if (query.method == GatherMethod::NodeLists) {
-    fail(GPURT_ERROR_UNSUPPORTED, "GPURT_GATHER_NODE_LISTS is not in this version; use GPURT_GATHER_GRID");
-  }
+  if (query.method == GatherMethod::NodeLists) return gather_from_node_lists(query);
   // Fluxes and normals are the finest level's alone.
   const bool needs_payload = query.kind == PhotonQueryKind::Sum || query.normals != nullptr;
   const PhotonGrid &grid = levels_.grids[needs_payload ? 0 : level_for(levels_, query.range.radius)];
@@ -215,6 +213,48 @@ void CpuPhotonMap::gather(const PhotonQuery &query) const
   check_capacity(query, total);
 }
 
+std::shared_ptr<const HostNodeLists> CpuPhotonMap::lists_for(float radius) const
+{
+  const std::lock_guard lock(lists_mutex_);
+  if (!lists_ || lists_->radius != radius) {
+    lists_.reset();
+    const PhotonGrid &grid = levels_.grids[0];
+    lists_ =
+        std::make_shared<HostNodeLists>(build_node_lists(grid.probes, grid.num_photons, radius, memory_));
+  }
+  return lists_;
+}
+
+void CpuPhotonMap::gather_from_node_lists(const PhotonQuery &query) const
+{
+  const std::shared_ptr<const HostNodeLists> lists = lists_for(query.range.radius);
+  ListGather gather = {
+      levels_.grids[0], lists->view(), query.range, query.positions, query.normals, query.counts,
+      query.sums,       nullptr,       0,           nullptr,         nullptr};
+  const uint64_t n = query.num_queries;
+  const auto answer_all = [&] {
+    run_all(n, [&](uint64_t a, uint64_t b) {
+      for (uint64_t i = a; i < b; ++i) answer_from_lists(gather, i);
+    });
+  };
+  if (query.kind != PhotonQueryKind::List) return answer_all();
+  const TrackedArray<uint32_t> counts(memory_, n, "a batch of queries");
+  gather.counts = const_cast<uint32_t *>(counts.data());
+  answer_all();
+  query.offsets[0] = 0;
+  for (uint64_t i = 0; i < n; ++i) query.offsets[i + 1] = counts[i];
+  sum_up(query.offsets, n);
+  const uint64_t total = query.offsets[n];
+  if ((query.ids != nullptr || query.distances != nullptr) && total <= query.capacity) {
+    gather.counts = nullptr;
+    gather.offsets = query.offsets;
+    gather.ids = query.ids;
+    gather.distances = query.distances;
+    answer_all();
+  }
+  check_capacity(query, total);
+}
+
 void CpuPhotonMap::find_nearest(const PhotonQuery &query) const
 {
   const GatherKernels &kernels = gather_kernels();
@@ -227,12 +267,12 @@ void CpuPhotonMap::find_nearest(const PhotonQuery &query) const
       for (uint64_t i = a; i < b; ++i) {
         const uint64_t index = begin + order.data()[i];
         const Vec3f p = query.positions[index];
-        NearestSearch search = begin_nearest(levels_, p, query.limit, query.hint);
+        NearestSearch search = begin_nearest(levels_, p, k, query.limit, query.hint);
         uint32_t num;
         do {
           const PhotonGrid &grid = levels_.grids[level_for(levels_, search.radius)];
           num = kernels.collect(grid, p, search.radius, k, keys.data(), capacity, shrink);
-        } while (num < k && grow(search, num, k));
+        } while (num < k && grow(levels_, p, search, num, k));
         const uint32_t found = std::min(num, k);
         std::partial_sort(keys.begin(), keys.begin() + found, keys.begin() + num);
         for (uint32_t j = 0; j < k; ++j) {

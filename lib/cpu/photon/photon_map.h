@@ -3,8 +3,10 @@
 
 #include <tbb/task_arena.h>
 
+#include <mutex>
 #include <vector>
 
+#include "accel/node_lists.h"
 #include "cpu/photon/photon_grid.h"
 #include "photon_maps.h"
 
@@ -23,13 +25,17 @@ class CpuPhotonMap final : public PhotonMap {
  private:
   void build(const PhotonMapRequest &request);
   void gather(const PhotonQuery &query) const;
+  void gather_from_node_lists(const PhotonQuery &query) const;
   void find_nearest(const PhotonQuery &query) const;
+  std::shared_ptr<const HostNodeLists> lists_for(float radius) const;
 
   std::shared_ptr<tbb::task_arena> arena_;
   std::shared_ptr<MemoryTracker> memory_;
   PhotonMapFacts facts_;
   std::vector<CpuPhotonGrid> grids_;
   PhotonLevels levels_{};
+  mutable std::mutex lists_mutex_;
+  mutable std::shared_ptr<const HostNodeLists> lists_;  // of the last radius; null: none yet
 };
 
 }  // namespace gpurt

@@ -20,7 +20,7 @@ __device__ void gather_part(const PhotonGrid &grid, const DeviceGather &gather, 
   const uint32_t normal = Normals ? encode_any_normal(gather.normals[query]) : 0u;
   const float radius2 = gather.range.radius * gather.range.radius;
   for_each_range(grid, p, gather.range.radius, [&](uint32_t begin, uint32_t end) {
-    for (uint32_t i = begin + part; i < end; i += lanes_of<Normals>) {
+    for (uint32_t i = begin + (part - begin) % lanes_of<Normals>; i < end; i += lanes_of<Normals>) {
       const PhotonProbe probe = load_probe(grid, i);
       const float d2 = length2(probe.position - p);
       if (!(d2 < radius2)) continue;
@@ -70,16 +70,18 @@ __global__ void __launch_bounds__(block_size)
   if (writes<Normals>(gather)) gather.counts[query] = count;
 }
 
-template <bool Normals>
+// The kernel is a parameter: the square root that cones need would cost the others registers.
+template <bool Normals, GatherKernel Kernel>
 __global__ void __launch_bounds__(block_size)
     sum_kernel(const __grid_constant__ PhotonGrid grid, const __grid_constant__ DeviceGather gather)
 {
   const uint32_t query = query_at(gather, query_place<Normals>(gather));
+  RangeQuery range = gather.range;
+  range.kernel = Kernel;
   FluxSum sum{};
-  gather_part<Normals>(grid, gather, query, threadIdx.x % lanes_of<Normals>,
-                       [&](uint32_t, float d2, const PhotonProbe &probe) {
-                         add(sum, probe.flux, kernel_weight(gather.range, d2));
-                       });
+  gather_part<Normals>(
+      grid, gather, query, threadIdx.x % lanes_of<Normals>,
+      [&](uint32_t, float d2, const PhotonProbe &probe) { add(sum, probe.flux, kernel_weight(range, d2)); });
   if constexpr (Normals) {
     sum = {{join_lanes(sum.flux.x), join_lanes(sum.flux.y), join_lanes(sum.flux.z)}, join_lanes(sum.count)};
   }
@@ -118,13 +120,26 @@ void launch_count(const PhotonGrid &grid, const DeviceGather &gather, cudaStream
   else launch("kernel that counts near photons", count_kernel<false>, n, stream, grid, gather);
 }
 
-void launch_sum(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream)
+template <GatherKernel Kernel>
+void launch_sum_of_kernel(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream)
 {
   const uint64_t n = gather.num_queries;
   if (gather.normals != nullptr)
-    launch("kernel that sums near photons of like normals", sum_kernel<true>, n * lanes_of<true>, stream,
-           grid, gather);
-  else launch("kernel that sums near photons", sum_kernel<false>, n, stream, grid, gather);
+    launch("kernel that sums near photons of like normals", sum_kernel<true, Kernel>, n * lanes_of<true>,
+           stream, grid, gather);
+  else launch("kernel that sums near photons", sum_kernel<false, Kernel>, n, stream, grid, gather);
+}
+
+void launch_sum(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream)
+{
+  switch (gather.range.kernel) {
+    case GatherKernel::Constant:
+      return launch_sum_of_kernel<GatherKernel::Constant>(grid, gather, stream);
+    case GatherKernel::Cone:
+      return launch_sum_of_kernel<GatherKernel::Cone>(grid, gather, stream);
+    case GatherKernel::Quadratic:
+      return launch_sum_of_kernel<GatherKernel::Quadratic>(grid, gather, stream);
+  }
 }
 
 void launch_list(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream)

@@ -3,7 +3,7 @@
 
 #include <cuda_runtime_api.h>
 
-#include "core/photon/map_query.h"
+#include "core/photon/node_lists.h"
 #include "core/photon/photon_source.h"
 
 namespace gpurt::cuda {
@@ -60,6 +60,9 @@ struct DeviceGather {
 void launch_count(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream);
 void launch_sum(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream);
 void launch_list(const PhotonGrid &grid, const DeviceGather &gather, cudaStream_t stream);
+
+/// Counts, sums and lists, whatever it has arrays for.
+void launch_gather_lists(const ListGather &gather, uint64_t num_queries, cudaStream_t stream);
 
 /// offsets[n + 1] = first + sums of counts[n].
 uint64_t offsets_bytes(uint32_t n);

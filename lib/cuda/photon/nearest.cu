@@ -2,8 +2,8 @@
 //
 // All lanes fetch rows of the grid at once, and the photons of these rows are dealt out to the lanes one by one. Those
 // nearer than the radius are kept in shared memory. Where there is no room, a limit is found, by counting, that at least
-// k of them are below, and the others go. In the end the place of each of the few that are left is the number of smaller
-// ones. Nothing depends on the order in which photons are met: the answer is that of any other exact search.
+// k of them are below, and the others go. In the end the few that are left are sorted. Nothing depends on the order in
+// which photons are met: the answer is that of any other exact search.
 #include "cuda/launch.h"
 #include "cuda/photon/kernels.h"
 
@@ -12,6 +12,8 @@ namespace {
 
 constexpr unsigned warps_of_block = block_size / 32;
 constexpr unsigned all_lanes = ~0u;
+// Blocks of a multiprocessor that registers must leave room for: more warps in flight are worth what is spilled.
+constexpr unsigned min_blocks = 12;
 
 __device__ uint32_t warp_sum(uint32_t x)
 {
@@ -31,16 +33,6 @@ __device__ uint32_t warp_or(uint32_t x)
   return x;
 #endif
 }
-__device__ uint32_t warp_max(uint32_t x)
-{
-#if __CUDA_ARCH__ >= 800
-  return __reduce_max_sync(all_lanes, x);
-#else
-  for (int step = 16; step != 0; step /= 2) x = max(x, __shfl_xor_sync(all_lanes, x, step));
-  return x;
-#endif
-}
-
 // What a warp keeps. Squared distances are bits of floats, which have the order of the floats.
 template <uint32_t Capacity>
 struct alignas(16) Kept {
@@ -71,16 +63,14 @@ __device__ uint32_t count_below(const Kept<Capacity> &kept, uint32_t num, uint32
   return warp_sum(count);
 }
 
-// Drops all but `least` to `most` of the smallest ones. Returns how many are left; none of those dropped is smaller than
-// `limit` in bits.
+// Drops all but `least` to `most` of the smallest ones, all of which are below `limit`. Returns how many are left; none of
+// those dropped is below `limit` then.
 template <uint32_t Capacity>
 __device__ uint32_t keep_smallest(Kept<Capacity> &kept, uint32_t num, uint32_t least, uint32_t most,
                                   uint32_t &limit, unsigned lane)
 {
-  uint32_t largest = 0;
-  for (uint32_t e = lane; e < num; e += 32) largest = max(largest, kept.distances2[e]);
   // Fewer than `least` are below lo, more than `most` below hi.
-  uint32_t lo = 0, hi = warp_max(largest) + 1, below_lo = 0, below_hi = num, bound = 0, id_bound = 0;
+  uint32_t lo = 0, hi = limit, below_lo = 0, below_hi = num, bound = 0, id_bound = 0;
   for (int round = 0;; ++round) {
     if (hi - lo <= 1) {
       // All those at lo are equally far: the smaller ids go first, and ids differ.
@@ -100,7 +90,8 @@ __device__ uint32_t keep_smallest(Kept<Capacity> &kept, uint32_t num, uint32_t l
     bound = lo + (hi - lo) / 2;
     if (round < 6) {
       const float a = __uint_as_float(lo), b = __uint_as_float(hi);
-      const float share = (0.5f * float(least + most) - float(below_lo)) / float(below_hi - below_lo);
+      const float share =
+          __fdividef(0.5f * float(least + most) - float(below_lo), float(below_hi - below_lo));
       const uint32_t guess = __float_as_uint(a + (b - a) * share);
       bound = guess > lo && guess < hi ? guess : bound;
     }
@@ -134,22 +125,33 @@ __device__ uint32_t keep_smallest(Kept<Capacity> &kept, uint32_t num, uint32_t l
   return left;
 }
 
-// Keeps what is nearer than the radius, or the k nearest of it and perhaps others. Returns how many.
+// index / count, by a float where it is near enough.
+__device__ uint32_t divide(uint32_t index, uint32_t count)
+{
+  if (index >= 1u << 20) return index / count;
+  const uint32_t quotient = uint32_t(__fdividef(float(index), float(count)));
+  if (quotient * count > index) return quotient - 1;
+  return index - quotient * count >= count ? quotient + 1 : quotient;
+}
+
+// Keeps what is nearer than the radius, or the k nearest of it and perhaps others. Returns how many; all are below `limit`.
 template <uint32_t Capacity>
 __device__ uint32_t collect(const PhotonGrid &grid, Vec3f p, float radius, uint32_t k, Kept<Capacity> &kept,
-                            unsigned lane)
+                            uint32_t &limit, unsigned lane)
 {
   const GridWalk walk = begin_walk(grid.shape, p, radius);
   const uint32_t num_y = uint32_t(max(walk.y.last - walk.y.first + 1, 0));
   const uint32_t num_z = uint32_t(max(walk.z.last - walk.z.first + 1, 0));
   const uint64_t num_rows = uint64_t(num_y) * num_z;
   const unsigned lanes_before = (1u << lane) - 1;
-  uint32_t limit = __float_as_uint(radius * radius), num = 0;
+  limit = __float_as_uint(radius * radius);
+  uint32_t num = 0;
   for (uint64_t first_row = 0; first_row < num_rows; first_row += 32) {
     RowRanges row{};
     if (first_row + lane < num_rows) {
       const uint32_t index = uint32_t(first_row) + lane;  // a grid has fewer rows than 2^32: its table has
-      row = row_ranges(grid, walk, walk.y.first + int(index % num_y), walk.z.first + int(index / num_y));
+      const uint32_t z = divide(index, num_y);
+      row = row_ranges(grid, walk, walk.y.first + int(index - z * num_y), walk.z.first + int(z));
     }
     // Rows that wrap around have a second range.
     for (int part = 0; part < 2; ++part) {
@@ -199,49 +201,67 @@ __device__ uint32_t collect(const PhotonGrid &grid, Vec3f p, float radius, uint3
   return num;
 }
 
-// Writes the k smallest of what is kept in their order.
-template <uint32_t Capacity>
-__device__ void write_sorted(Kept<Capacity> &kept, uint32_t num, uint32_t k, uint32_t *ids, float *distances,
-                             unsigned lane)
+// Sorts 64 keys, of which lane i holds the (2 i)th and the next one. Source: Batcher 1968, bitonic.
+__device__ void sort_pairs_of_lanes(uint32_t &a, uint32_t &b, unsigned lane)
 {
-  // Filled up, so that four can be read at a time.
-  const uint32_t padded = (num + 3) / 4 * 4;
-  if (num + lane < padded) kept.distances2[num + lane] = ~0u;
-  __syncwarp();
-  const auto write = [&](uint32_t rank, uint32_t distance2, uint32_t id) {
-    if (rank >= k) return;
-    if (ids != nullptr) ids[rank] = id;
-    if (distances != nullptr) distances[rank] = sqrt(__uint_as_float(distance2));
-  };
-  const uint4 *quads = reinterpret_cast<const uint4 *>(kept.distances2);
-  if (num <= 64) {
-    const uint32_t a = lane < num ? kept.distances2[lane] : ~0u,
-                   b = lane + 32 < num ? kept.distances2[lane + 32] : ~0u;
-    uint32_t rank_a = 0, rank_b = 0;
-    for (uint32_t e = 0; e < padded / 4; ++e) {
-      const uint4 v = quads[e];
-      rank_a += (v.x < a) + (v.y < a) + (v.z < a) + (v.w < a);
-      rank_b += (v.x < b) + (v.y < b) + (v.z < b) + (v.w < b);
+#pragma unroll
+  for (unsigned size = 2; size <= 64; size *= 2) {
+    const bool ascends = (lane & size / 2) == 0;
+#pragma unroll
+    for (unsigned away = size / 4; away != 0; away /= 2) {
+      const uint32_t other_a = __shfl_xor_sync(all_lanes, a, int(away)),
+                     other_b = __shfl_xor_sync(all_lanes, b, int(away));
+      const bool keeps_smaller = ((lane & away) == 0) == ascends;
+      a = keeps_smaller ? min(a, other_a) : max(a, other_a);
+      b = keeps_smaller ? min(b, other_b) : max(b, other_b);
     }
-    // Ranks of distances that differ are 0 to num - 1, each once.
-    const uint32_t sum = warp_sum((lane < num ? rank_a : 0) + (lane + 32 < num ? rank_b : 0));
-    if (sum == num * (num - 1) / 2) {
-      if (lane < num) write(rank_a, a, kept.ids[lane]);
-      if (lane + 32 < num) write(rank_b, b, kept.ids[lane + 32]);
+    const uint32_t smaller = min(a, b), larger = max(a, b);
+    a = ascends ? smaller : larger;
+    b = ascends ? larger : smaller;
+  }
+}
+
+// Writes the k smallest of what is kept in their order, and invalid ids behind them.
+template <uint32_t Capacity>
+__device__ void write_sorted(const Kept<Capacity> &kept, uint32_t num, uint32_t k, uint32_t *ids,
+                             float *distances, unsigned lane)
+{
+  const auto write = [&](uint32_t rank, uint32_t e) {
+    if (rank >= k) return;
+    if (ids != nullptr) ids[rank] = rank < num ? kept.ids[e] : invalid_id;
+    if (distances != nullptr)
+      distances[rank] = rank < num ? sqrt(__uint_as_float(kept.distances2[e])) : infinity;
+  };
+  if (num <= 64 && k <= 64) {
+    // The lowest bits of the distances make room for where they are kept.
+    constexpr uint32_t place_mask = 63;
+    const uint32_t first = 2 * lane, second = first + 1;
+    uint32_t a = (first < num ? kept.distances2[first] & ~place_mask : ~place_mask) | first;
+    uint32_t b = (second < num ? kept.distances2[second] & ~place_mask : ~place_mask) | second;
+    sort_pairs_of_lanes(a, b, lane);
+    // Those that differ in these bits alone, or not at all, are rare.
+    const uint32_t next = __shfl_down_sync(all_lanes, a, 1);
+    const bool is_unclear =
+        (second < num && (a ^ b) <= place_mask) || (second + 1 < num && (b ^ next) <= place_mask);
+    if (!__any_sync(all_lanes, is_unclear)) {
+      write(first, a & place_mask);
+      write(second, b & place_mask);
       return;
     }
   }
+  // The place of each is the number of those before it.
   for (uint32_t e = lane; e < num; e += 32) {
     const uint32_t distance2 = kept.distances2[e], id = kept.ids[e];
     uint32_t rank = 0;
     for (uint32_t other = 0; other < num; ++other)
       rank += precedes(kept.distances2[other], kept.ids[other], distance2, id);
-    write(rank, distance2, id);
+    write(rank, e);
   }
+  for (uint32_t rank = num + lane; rank < k; rank += 32) write(rank, 0);
 }
 
 template <uint32_t Capacity>
-__global__ void __launch_bounds__(block_size)
+__global__ void __launch_bounds__(block_size, min_blocks)
     nearest_kernel(const __grid_constant__ PhotonLevels levels, const __grid_constant__ DeviceNearest nearest)
 {
   __shared__ Kept<Capacity> shared[warps_of_block];
@@ -252,23 +272,18 @@ __global__ void __launch_bounds__(block_size)
   const uint32_t query = nearest.order != nullptr ? nearest.order[place] : uint32_t(place);
   const Vec3f p = nearest.positions[query];
   const uint32_t k = nearest.k;
-  NearestSearch search = begin_nearest(levels, p, nearest.limit, nearest.hint);
-  uint32_t num;
+  NearestSearch search = begin_nearest(levels, p, nearest.k, nearest.limit, nearest.hint);
+  uint32_t num, limit;
   do {
-    num = collect(levels.grids[level_for(levels, search.radius)], p, search.radius, k, kept, lane);
-  } while (num < k && grow(search, num, k));
+    num = collect(levels.grids[level_for(levels, search.radius)], p, search.radius, k, kept, limit, lane);
+  } while (num < k && grow(levels, p, search, num, k));
   // Few enough to be ranked: two to a lane, where k is not more.
   const uint32_t most = k <= 64 ? 64 : k + 32;
-  uint32_t limit;
   if (num > most) num = keep_smallest(kept, num, k, most, limit, lane);
   __syncwarp();
   uint32_t *const ids = nearest.ids != nullptr ? nearest.ids + uint64_t(query) * k : nullptr;
   float *const distances = nearest.distances != nullptr ? nearest.distances + uint64_t(query) * k : nullptr;
   write_sorted(kept, num, k, ids, distances, lane);
-  for (uint32_t j = num + lane; j < k; j += 32) {
-    if (ids != nullptr) ids[j] = invalid_id;
-    if (distances != nullptr) distances[j] = infinity;
-  }
   if (nearest.counts != nullptr && lane == 0) nearest.counts[query] = min(num, k);
 }
 

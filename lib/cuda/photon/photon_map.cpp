@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <span>
 
+#include "accel/node_lists.h"
 #include "cuda/photon/query.h"
 
 namespace gpurt::cuda {
@@ -150,15 +151,39 @@ const PhotonGrid &CudaPhotonMap::grid_for(const PhotonQuery &query) const
 
 void CudaPhotonMap::query(const PhotonQuery &query) const
 {
-  if (query.method == GatherMethod::NodeLists) {
-    fail(GPURT_ERROR_UNSUPPORTED, "GPURT_GATHER_NODE_LISTS is not in this version; use GPURT_GATHER_GRID");
-  }
   const DeviceScope scope(memory_->ordinal());
   const LaneLease lane = lanes_.acquire();
-  const PhotonQueryContext context = {levels_, grid_for(query), memory_};
+  std::shared_ptr<const DeviceNodeLists> lists;  // kept until the query is done
+  NodeLists view{};
+  if (query.method == GatherMethod::NodeLists) {
+    lists = lists_for(query.range.radius, *lane);
+    view = lists->view();
+  }
+  const PhotonQueryContext context = {levels_, lists ? levels_.grids[0] : grid_for(query),
+                                      lists ? &view : nullptr, memory_};
   if (!query.device_memory) return query_host_memory(context, query, *lane);
   check_device_pointers(query);
   query_device_memory(context, query, *lane);
+}
+
+std::shared_ptr<const DeviceNodeLists> CudaPhotonMap::lists_for(float radius, Lane &lane) const
+{
+  const std::lock_guard lock(lists_mutex_);
+  if (lists_ && lists_->radius == radius) return lists_;
+  lists_.reset();
+  // Built on the host, whose memory is not the device's to limit.
+  std::vector<PhotonProbe> probes(facts_.num_points);
+  const WaitAtEnd wait(lane.stream());
+  if (!probes.empty())
+    check(cudaMemcpyAsync(probes.data(), levels_.grids[0].probes, probes.size() * sizeof(PhotonProbe),
+                          cudaMemcpyDeviceToHost, lane.stream()),
+          "cudaMemcpyAsync");
+  lane.synchronize();
+  const HostNodeLists host = build_node_lists(probes.data(), probes.size(), radius, nullptr);
+  lists_ = std::make_shared<DeviceNodeLists>(DeviceNodeLists{
+      radius, upload(memory_, std::span<const PhotonNode>(host.nodes), "lists of photons", lane.stream()),
+      upload(memory_, std::span<const uint32_t>(host.photons), "lists of photons", lane.stream())});
+  return lists_;
 }
 
 void CudaPhotonMap::query_on_stream(const PhotonQuery &query, void *stream, void *wait_event,
@@ -170,7 +195,7 @@ void CudaPhotonMap::query_on_stream(const PhotonQuery &query, void *stream, void
   if (wait_event != nullptr)
     check(cudaStreamWaitEvent(on, static_cast<cudaEvent_t>(wait_event), 0), "cudaStreamWaitEvent");
   was_queued_ = true;
-  queue_query({levels_, grid_for(query), memory_}, query, on);
+  queue_query({levels_, grid_for(query), nullptr, memory_}, query, on);
   if (done_event != nullptr)
     check(cudaEventRecord(static_cast<cudaEvent_t>(done_event), on), "cudaEventRecord");
 }

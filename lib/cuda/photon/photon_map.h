@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <mutex>
 #include <vector>
 
 #include "cuda/lanes.h"
@@ -10,6 +11,14 @@
 #include "photon_maps.h"
 
 namespace gpurt::cuda {
+
+/// Lists of a kd-tree's leaves in device memory.
+struct DeviceNodeLists {
+  float radius;
+  DeviceBuffer<PhotonNode> nodes;
+  DeviceBuffer<uint32_t> photons;
+  NodeLists view() const { return {nodes.data(), photons.data()}; }
+};
 
 class CudaPhotonMap final : public PhotonMap, public StreamQueries {
  public:
@@ -28,6 +37,7 @@ class CudaPhotonMap final : public PhotonMap, public StreamQueries {
   void build(const PhotonMapRequest &request, Lane &lane);
   const PhotonGrid &grid_for(const PhotonQuery &query) const;
   void check_device_pointers(const PhotonQuery &query) const;
+  std::shared_ptr<const DeviceNodeLists> lists_for(float radius, Lane &lane) const;
 
   std::shared_ptr<void> owner_;
   std::shared_ptr<DeviceMemory> memory_;
@@ -35,7 +45,9 @@ class CudaPhotonMap final : public PhotonMap, public StreamQueries {
   PhotonMapFacts facts_;
   std::vector<DevicePhotonGrid> grids_;
   PhotonLevels levels_{};
-  mutable std::atomic<bool> was_queued_{false};  // on a caller's stream
+  mutable std::mutex lists_mutex_;
+  mutable std::shared_ptr<const DeviceNodeLists> lists_;  // of the last radius; null: none yet
+  mutable std::atomic<bool> was_queued_{false};           // on a caller's stream
 };
 
 }  // namespace gpurt::cuda

@@ -51,11 +51,19 @@ DeviceGather gather_of(const PhotonQuery &part, const uint32_t *order)
   return gather;
 }
 
+ListGather list_gather_of(const PhotonQueryContext &context, const DeviceGather &gather)
+{
+  return {context.grid, *context.lists, gather.range,        gather.positions, gather.normals,  gather.counts,
+          gather.sums,  gather.offsets, gather.first_listed, gather.ids,       gather.distances};
+}
+
 // Queues counts, sums or nearest points of a slice.
 void launch_part(const PhotonQueryContext &context, const PhotonQuery &part, const uint32_t *order,
                  cudaStream_t stream)
 {
   if (part.num_queries == 0) return;
+  if (context.lists != nullptr)
+    return launch_gather_lists(list_gather_of(context, gather_of(part, nullptr)), part.num_queries, stream);
   switch (part.kind) {
     case PhotonQueryKind::Sum:
       return launch_sum(context.grid, gather_of(part, order), stream);
@@ -110,7 +118,11 @@ class Lists {
     order_ = order_memory_.order(part, stream);
     DeviceGather gather = gather_of(part, order_);
     gather.counts = counts_.data();
-    if (part.num_queries != 0) launch_count(context_.grid, gather, stream);
+    if (part.num_queries != 0) {
+      if (context_.lists != nullptr)
+        launch_gather_lists(list_gather_of(context_, gather), part.num_queries, stream);
+      else launch_count(context_.grid, gather, stream);
+    }
     launch_offsets(counts_.data(), uint32_t(part.num_queries), first, offsets, offsets_memory_.data(),
                    offsets_memory_.bytes(), stream);
   }
@@ -125,7 +137,9 @@ class Lists {
     gather.first_listed = first_listed;
     gather.ids = ids;
     gather.distances = distances;
-    launch_list(context_.grid, gather, stream);
+    if (context_.lists != nullptr)
+      launch_gather_lists(list_gather_of(context_, gather), part.num_queries, stream);
+    else launch_list(context_.grid, gather, stream);
   }
 
  private:

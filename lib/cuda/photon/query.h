@@ -11,6 +11,7 @@ namespace gpurt::cuda {
 struct PhotonQueryContext {
   const PhotonLevels &levels;
   const PhotonGrid &grid;  // for ranges
+  const NodeLists *lists;  // in place of its cells; or null
   const std::shared_ptr<DeviceMemory> &memory;
 };
 

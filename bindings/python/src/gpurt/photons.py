@@ -135,7 +135,8 @@ class _Batch:
         ids, distances = self.empty((total,), "uint32"), self.empty((total,), "float32")
         if total != 0:
             ask(self.address(ids), self.address(distances), total)
-        return tuple(self.library.finish(a) if self.on_gpu else a for a in (ids, distances, offsets))  # type: ignore
+        finish = self.library.finish if self.on_gpu else lambda array: array
+        return finish(ids), finish(distances), finish(offsets)
 
 
 class PhotonMap:
@@ -167,9 +168,10 @@ class PhotonMap:
                 raise InvalidArgument(f"{name}: expected as many as positions, and where they lie: {points.count} rows, "
                                       f"got {rows.count}")
         with self.device._log_errors():
-            self._core = _core.PhotonMap(self.device._core, points.on_gpu, points.count, points.data,
-                                         *(0 if rows is None else rows.data for rows in others),
-                                         0.0 if radius is None else _radius(radius), to_count(levels, "levels"))
+            flux_data, normal_data = (0 if rows is None else rows.data for rows in others)
+            self._core = _core.PhotonMap(self.device._core, points.on_gpu, points.count, points.data, flux_data,
+                                         normal_data, 0.0 if radius is None else _radius(radius),
+                                         to_count(levels, "levels"))
         self._radius = self.info.radius
 
     @classmethod
