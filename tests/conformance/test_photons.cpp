@@ -21,7 +21,11 @@ using namespace gpurt_test;
 using photon_sets::Set;
 
 constexpr float inf = std::numeric_limits<float>::infinity();
+#if defined(__SANITIZE_ADDRESS__)
+constexpr size_t num_points = 500, num_queries = 40;
+#else
 constexpr size_t num_points = 2000, num_queries = 150;
+#endif
 
 // A set with fluxes that 8 bits hold, so that they are kept as they are, and unit normals.
 MapPoints with_payload(const Set &set)

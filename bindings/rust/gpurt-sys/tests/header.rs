@@ -203,6 +203,11 @@ macro_rules! with_descriptors {
             gpurt_frame_desc { struct_size width height camera outputs frame_index seed first_sample }
             gpurt_render_desc { struct_size pipeline samples_per_pixel target_error time_limit_s max_depth
                 tile_size progress progress_user schedule photon reyes }
+            gpurt_photon_map_desc { struct_size storage num_points positions fluxes normals radius num_levels }
+            gpurt_photon_map_info { struct_size num_levels num_points bounds radius has_fluxes has_normals
+                fullest_cell memory_bytes build_seconds }
+            gpurt_photon_query_desc { struct_size query storage kernel num_queries positions normals min_cosine
+                radius radius_hint k counts sums offsets ids distances capacity coherence method }
             gpurt_state_info { struct_size width height camera outputs frame_index seed first_sample
                 num_samples scene_hash pipeline accel triangle_test max_depth photon reyes }
             gpurt_statistics { struct_size pipeline accel triangle_test max_depth tile_size num_threads width
