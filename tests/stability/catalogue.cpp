@@ -76,7 +76,7 @@ const std::vector<CatalogueRow> &catalogue()
       {20, "Empty scene, 1, 2 triangles, all degenerate", "", "hits where there is something, no crash",
        nullptr},
       {21, "Bad index, counts over 2^31 bytes", "", "error that names the culprit", nullptr},
-      {22, "SDS caustic", "glass sphere over a pool, small light", "PM relMSE 10x lower at equal time",
+      {22, "SDS caustic", "glass sphere over a pool, small light", "PM relMSE 10x lower for as many rays",
        nullptr},
       {23, "Small light behind glass", "1 mm light in a bulb", "top 0.1 % pixels hold < 20 % of MSE",
        nullptr},
