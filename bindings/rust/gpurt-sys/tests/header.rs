@@ -193,13 +193,6 @@ macro_rules! with_descriptors {
                 references }
             gpurt_trace_desc { struct_size query format storage num_rays rays hits occluded offsets
                 hit_capacity schedule out_counters coherence image_width }
-            gpurt_photon_map_desc { struct_size storage num_points positions fluxes normals radius
-                num_levels }
-            gpurt_photon_map_info { struct_size num_levels num_points bounds radius has_fluxes has_normals
-                fullest_cell memory_bytes build_seconds }
-            gpurt_photon_query_desc { struct_size query storage kernel num_queries positions normals
-                min_cosine radius radius_hint k counts sums offsets ids distances capacity coherence
-                method }
             gpurt_frame_desc { struct_size width height camera outputs frame_index seed first_sample }
             gpurt_render_desc { struct_size pipeline samples_per_pixel target_error time_limit_s max_depth
                 tile_size progress progress_user schedule photon reyes }
