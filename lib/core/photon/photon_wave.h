@@ -39,7 +39,7 @@ struct PhotonUnit {
 
 // Metal of at least this alpha (roughness squared) gathers photons; smoother metal is followed to what it reflects, since
 // few photons within the radius would lie in its lobe.
-constexpr float receiver_alpha = 0.25f;
+constexpr float receiver_alpha = 0.35f;
 
 GPURT_FUNCTIONS_BEGIN
 
