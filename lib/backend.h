@@ -12,6 +12,7 @@
 #include "core/accel/ray.h"
 #include "core/path/path_settings.h"
 #include "core/photon/photon.h"
+#include "core/reyes/reyes_scene.h"
 #include "frame/film.h"
 #include "memory.h"
 #include "photon_pass.h"
@@ -113,6 +114,16 @@ struct WorkUnit {
   uint64_t first_sample, num_samples;
 };
 
+/// gpurt_reyes_counters, without what is reserved. Times are summed over threads.
+struct ReyesCounters {
+  uint64_t num_patches = 0, num_triangles = 0, num_splits = 0, num_culled = 0, num_grids = 0, num_micropolygons = 0,
+           num_fragments = 0, num_shaded = 0;
+  uint64_t largest_queue = 0, largest_bucket = 0, working_bytes = 0;
+  double bound_seconds = 0, split_seconds = 0, dice_seconds = 0, sample_seconds = 0;
+
+  void add(const ReyesCounters &other);
+};
+
 /// Times are summed over threads.
 struct RenderCounters {
   uint64_t num_samples = 0, num_camera_rays = 0, num_bounce_rays = 0, num_shadow_rays = 0, num_nonfinite = 0;
@@ -120,6 +131,7 @@ struct RenderCounters {
   float largest_sample = 0;
   ScheduleCounters schedule;
   PhotonCounters photon;
+  ReyesCounters reyes;
 };
 
 /// What a pass of photon mapping needs beside a path tracer's settings.
@@ -145,7 +157,8 @@ struct RenderPass {
   std::span<const WorkUnit> units;
   const PhotonRequest *photon =
       nullptr;        // photon mapping: units then have one sample each; null: path tracing
-  Schedule schedule;  // resolved
+  const ReyesSettings *reyes = nullptr;          // REYES: resolved settings; null: another pipeline
+  Schedule schedule;                             // resolved
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
   /// Takes the finished samples of a unit; called from any thread. A unit is delivered whole or not at all.
   std::function<void(const WorkUnit &, const TileFilm &, const RenderCounters &)> deliver;
@@ -164,6 +177,8 @@ class CommittedScene {
   /// every device. Throws UNSUPPORTED, OUT_OF_MEMORY.
   virtual PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission,
                                    uint32_t num_photons, uint32_t points_per_axis) const;
+  /// Throws UNSUPPORTED where the device has no REYES.
+  virtual void require_reyes() const;
   /// Throws INVALID_ARGUMENT where there is no such kd-tree.
   virtual HostKdTree export_tree(uint32_t tree) const = 0;
   /// The schedule with values for what was left to the library. Throws UNSUPPORTED naming what is not there.
@@ -186,6 +201,13 @@ inline PhotonPilot CommittedScene::photon_pilot(const PathSettings &, const Emis
 {
   require_photons();
   return {};
+}
+
+inline void CommittedScene::require_reyes() const
+{
+  fail(GPURT_ERROR_UNSUPPORTED,
+       "GPURT_PIPELINE_REYES is not supported by CUDA devices in this version; use a CPU device, or "
+       "GPURT_PIPELINE_PATH with max_depth 2 for direct light alone");
 }
 
 /// What a committed scene may offer beside CommittedScene: queries that are queued on the caller's stream. The handles are

@@ -6,6 +6,7 @@
 #include "api/objects.h"
 #include "api/read_schedule.h"
 #include "frame/job.h"
+#include "frame/reyes_desc.h"
 #include "frame/state_file.h"
 #include "photon_desc.h"
 #include "planner/plan.h"
@@ -154,6 +155,7 @@ gpurt_result gpurt_state_read_info(const char *path, gpurt_state_info *out_info)
     info.triangle_test = gpurt_triangle_test(state.triangle_test);
     info.max_depth = state.totals.max_depth;
     info.photon = describe(state.totals.photon);
+    info.reyes = public_settings(state.totals.reyes);
     write_output(out_info, info, "out_info");
   });
 }

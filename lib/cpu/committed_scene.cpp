@@ -9,6 +9,7 @@
 #include "cpu/kernels.h"
 #include "cpu/path/render.h"
 #include "cpu/photon/render.h"
+#include "cpu/reyes/render.h"
 
 namespace gpurt {
 namespace {
@@ -49,6 +50,12 @@ void CpuScene::render(const RenderPass &pass) const
 {
   if (pass.photon) {
     render_photons_on_cpu(pass, {accel(), view_, photon_kernels(cpu_kernels().isa), *arena_, memory_});
+    return;
+  }
+  if (pass.reyes != nullptr) {
+    ReyesScene reyes = scene_->reyes_view();
+    reyes.scene = view_;
+    render_reyes_on_cpu(pass, accel(), reyes, reyes_kernels(cpu_kernels().isa), *arena_, memory_);
     return;
   }
   render_on_cpu(pass, accel(), view_, path_kernel(cpu_kernels().isa), *arena_, memory_);

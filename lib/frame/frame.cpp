@@ -8,6 +8,7 @@
 #include "frame/outputs.h"
 #include "frame/photon_settings.h"
 #include "photon_desc.h"
+#include "frame/reyes_desc.h"
 #include "schedule_desc.h"
 
 namespace gpurt {
@@ -151,7 +152,8 @@ void Frame::read(gpurt_output output, void *data, uint64_t size_bytes) const
 }
 
 // Under jobs_mutex_.
-void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpurt_photon_settings &photon)
+void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpurt_photon_settings &photon,
+                          const ReyesSettings &reyes)
 {
   const std::scoped_lock lock(totals_mutex_);
   FrameTotals &t = state_.totals;
@@ -164,12 +166,31 @@ void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpu
   if (!is_free && t.pipeline != pipeline) {
     fail_invalid("the frame holds samples of another pipeline; create a new frame for this one");
   }
+  if (!is_free && !(t.reyes == reyes)) {
+    fail_invalid(
+        "the frame holds samples of {}; create a new frame for {}, or leave its settings zero to go on with it",
+        describe(t.reyes), describe(reyes));
+  }
   if (pipeline == GPURT_PIPELINE_PHOTON) {
     const uint64_t num_pixels = uint64_t(state_.settings.width) * state_.settings.height;
     t.photon = resolve_photon_settings(photon, is_free ? PhotonSettings{} : t.photon, num_pixels);
   }
   t.pipeline = pipeline;
   t.max_depth = max_depth;
+  t.reyes = reyes;
+}
+
+ReyesSettings Frame::resolve_reyes(const gpurt_reyes_settings &asked) const
+{
+  const std::scoped_lock lock(totals_mutex_);
+  ReyesSettings s = state_.totals.reyes;
+  if (s.shading_rate == 0 || state_.totals.counters.num_samples == 0)
+    s = {0.25f, ReyesFilter::Box, ReyesShading::Samples, 0};
+  if (asked.shading_rate != 0) s.shading_rate = asked.shading_rate;
+  if (asked.filter != 0) s.filter = ReyesFilter(asked.filter);
+  if (asked.shading != 0) s.shading = ReyesShading(asked.shading);
+  if (asked.no_shadows != 0) s.no_shadows = 1;
+  return s;
 }
 
 // Of the job that renders: no other changes the settings meanwhile.
@@ -327,6 +348,8 @@ void Frame::statistics(gpurt_statistics &out) const
   out.schedule_counters = describe(c.schedule);
   out.photon = describe(t.photon);
   out.photon_counters = describe(c.photon);
+  out.reyes = public_settings(t.reyes);
+  out.reyes_counters = public_counters(c.reyes);
   std::memset(out.reason, 0, sizeof out.reason);
   reason_.copy(out.reason, sizeof out.reason - 1);
 }

@@ -38,6 +38,7 @@ struct FrameTotals {
   uint32_t max_depth = 0;                         // 0: no job has run yet
   PhotonSettings
       photon{};  // of photon mapping: photons_per_pass is not 0; a radius of 0 is still to be found
+  ReyesSettings reyes{};                          // zero for other pipelines
   RenderCounters counters;
   uint64_t num_saturated = 0;
   double render_seconds = 0;
@@ -109,11 +110,13 @@ class Frame {
   uint64_t smallest_sample_count() const;
 
   // What jobs do.
-  /// Fixes pipeline, depth and the settings of photon mapping with the first samples; throws INVALID_ARGUMENT where a
+  /// Fixes pipeline, depth and settings with the first samples; throws INVALID_ARGUMENT where a
   /// later job differs.
-  void begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpurt_photon_settings &photon);
+  void begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpurt_photon_settings &photon, const ReyesSettings &reyes);
   /// Settings of photon mapping with a radius, which is found from the scene where it is not known yet.
   PhotonSettings photon_settings(const EmissionView &emission);
+  /// What zeros of `asked` mean for this frame: what its samples were made with, or the defaults.
+  ReyesSettings resolve_reyes(const gpurt_reyes_settings &asked) const;
   PathSettings path_settings(uint32_t max_depth) const;
   void add_unit(const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters);
   void set_outcome(uint32_t tile_size, const gpurt_schedule &schedule, std::string reason);

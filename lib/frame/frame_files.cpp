@@ -4,6 +4,7 @@
 
 #include "frame/frame.h"
 #include "frame/outputs.h"
+#include "frame/reyes_desc.h"
 #include "frame/state_file.h"
 #include "image/exr.h"
 #include "image/png.h"
@@ -72,6 +73,8 @@ const char *pipeline_text(gpurt_pipeline pipeline)
       return "path";
     case GPURT_PIPELINE_PHOTON:
       return "photon";
+    case GPURT_PIPELINE_REYES:
+      return "reyes";
     default:
       return "none";
   }
@@ -191,6 +194,7 @@ void Frame::check_same_image(const FrameState &other, const std::string &other_n
     require("max_depth", ours.max_depth, other.totals.max_depth);
     require("pipeline", int(ours.pipeline), int(other.totals.pipeline));
     require("photon mapping", text_of(ours.photon), text_of(other.totals.photon));
+    require("pipeline", describe(ours.reyes), describe(other.totals.reyes));
   }
   if (!same_hits(state_.accel, other.accel)) {
     fail_invalid(
@@ -272,6 +276,7 @@ void Frame::merge_state(const FrameState &other, const std::string &other_name)
     t.max_depth = other.totals.max_depth;
     t.pipeline = other.totals.pipeline;
     t.photon = other.totals.photon;
+    t.reyes = other.totals.reyes;
   }
   add_counters(t.counters, other.totals.counters);
   t.num_saturated += other.totals.num_saturated + num_saturated;

@@ -12,6 +12,7 @@ namespace {
 
 constexpr uint32_t default_samples = 64;
 constexpr uint32_t default_depth = 17;
+constexpr uint32_t reyes_depth = 2;  // emission and direct light
 // A pass ends with a device that runs empty: the fastest ones get passes that are long beside that.
 constexpr uint64_t max_unit_samples = 1024;
 constexpr uint64_t max_unit_paths = 65536;
@@ -55,9 +56,9 @@ gpurt_render_desc resolve(gpurt_render_desc desc, const FrameSettings &frame,
   if (desc.pipeline == GPURT_PIPELINE_AUTO) desc.pipeline = GPURT_PIPELINE_PATH;
   const char *name = pipeline_name(desc.pipeline);
   if (!name) fail_invalid("pipeline is {}; it is none of gpurt_pipeline", int(desc.pipeline));
-  if (desc.pipeline != GPURT_PIPELINE_PATH && desc.pipeline != GPURT_PIPELINE_PHOTON) {
+  if (desc.pipeline == GPURT_PIPELINE_HYBRID) {
     fail(GPURT_ERROR_UNSUPPORTED,
-         "the pipeline {} is not supported by this version; use path, photon or auto", name);
+         "the pipeline {} is not supported by this version; use path, photon, reyes or auto", name);
   }
   if (!(desc.target_error >= 0) || std::isinf(desc.target_error))
     fail_invalid("target_error is {}; it must be 0 or a positive number", desc.target_error);
@@ -75,10 +76,12 @@ gpurt_render_desc resolve(gpurt_render_desc desc, const FrameSettings &frame,
         "whole frame or give samples_per_pixel",
         area(tiles), uint64_t(frame.width) * frame.height);
   }
-  if (desc.max_depth == 0) desc.max_depth = default_depth;
+  const bool is_reyes = desc.pipeline == GPURT_PIPELINE_REYES;
+  if (desc.max_depth == 0) desc.max_depth = is_reyes ? reyes_depth : default_depth;
   if (desc.pipeline == GPURT_PIPELINE_PHOTON && desc.max_depth > max_photon_depth)
     fail_invalid("max_depth is {}; photon mapping has at most {}", desc.max_depth, max_photon_depth);
-  if (desc.tile_size == 0) desc.tile_size = choose_tile_size(tiles, num_threads);
+  // A tile of REYES looks at all that it may see, whatever its size.
+  if (desc.tile_size == 0) desc.tile_size = choose_tile_size(tiles, num_threads, is_reyes ? 64 : 32);
   return desc;
 }
 
@@ -102,7 +105,11 @@ std::shared_ptr<Job> Job::submit(std::shared_ptr<Frame> frame, const gpurt_rende
         "first",
         frame->first_gap_ % settings.width, frame->first_gap_ / settings.width);
   }
-  frame->begin_samples(resolved.pipeline, resolved.max_depth, resolved.photon);
+  if (resolved.pipeline == GPURT_PIPELINE_REYES) {
+    frame->scene().committed->require_reyes();
+    job->reyes_ = frame->resolve_reyes(resolved.reyes);
+  }
+  frame->begin_samples(resolved.pipeline, resolved.max_depth, resolved.photon, job->reyes_);
   frame->jobs_.push_back(job.get());
   try {
     job->thread_ = std::thread(&Job::run, job.get());
@@ -282,6 +289,8 @@ uint64_t Job::pass_samples(uint64_t num_samples, uint64_t from) const
 {
   // The photons of a pass serve one sample of every pixel.
   if (has_photons()) return std::min(num_samples, from + 1);
+  // What REYES splits and dices serves all samples of a pass.
+  if (desc_.pipeline == GPURT_PIPELINE_REYES) return std::min(num_samples, from + max_unit_samples);
   const uint64_t unit_area = uint64_t(desc_.tile_size) * desc_.tile_size;
   uint64_t samples = std::clamp<uint64_t>(max_unit_paths / unit_area, 1, max_unit_samples);
   // Before anything is measured one sample is all that is safe.
@@ -328,6 +337,7 @@ void Job::render_pass(std::span<const WorkUnit> units)
   pass.outputs = frame_->settings().outputs;
   pass.units = units;
   if (has_photons()) pass.photon = &photon_request_;
+  if (desc_.pipeline == GPURT_PIPELINE_REYES) pass.reyes = &reyes_;
   pass.schedule = schedule_from(desc_.schedule);
   pass.cancelled = &cancelled_;
   pass.deliver = [&](const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters) {

@@ -52,6 +52,7 @@ class Job {
   const gpurt_render_desc
       desc_;  // resolved: zero means "no such limit", and nothing else has a default any more
   const std::vector<gpurt_tile> tiles_;
+  ReyesSettings reyes_{};  // resolved; zero for other pipelines
   std::atomic<bool> cancelled_{false};
 
   // Of the job's thread.

@@ -150,6 +150,25 @@ uint32_t num_saturated_sums(const PixelSums &sums)
   return n;
 }
 
+void ReyesCounters::add(const ReyesCounters &other)
+{
+  num_patches += other.num_patches;
+  num_triangles += other.num_triangles;
+  num_splits += other.num_splits;
+  num_culled += other.num_culled;
+  num_grids += other.num_grids;
+  num_micropolygons += other.num_micropolygons;
+  num_fragments += other.num_fragments;
+  num_shaded += other.num_shaded;
+  largest_queue = std::max(largest_queue, other.largest_queue);
+  largest_bucket = std::max(largest_bucket, other.largest_bucket);
+  working_bytes = std::max(working_bytes, other.working_bytes);
+  bound_seconds += other.bound_seconds;
+  split_seconds += other.split_seconds;
+  dice_seconds += other.dice_seconds;
+  sample_seconds += other.sample_seconds;
+}
+
 void add_counters(RenderCounters &sum, const RenderCounters &other)
 {
   sum.num_samples += other.num_samples;
@@ -165,6 +184,7 @@ void add_counters(RenderCounters &sum, const RenderCounters &other)
   sum.largest_sample = std::max(sum.largest_sample, other.largest_sample);
   sum.schedule.add(other.schedule);
   sum.photon.add(other.photon);
+  sum.reyes.add(other.reyes);
 }
 
 }  // namespace gpurt

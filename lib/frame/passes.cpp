@@ -80,12 +80,12 @@ std::vector<WorkUnit> take_units(std::vector<Region> &regions, uint64_t num_samp
   return units;
 }
 
-uint32_t choose_tile_size(std::span<const gpurt_tile> tiles, uint32_t num_threads)
+uint32_t choose_tile_size(std::span<const gpurt_tile> tiles, uint32_t num_threads, uint32_t largest)
 {
   uint64_t num_pixels = 0;
   for (const gpurt_tile &t : tiles) num_pixels += uint64_t(t.x1 - t.x0) * (t.y1 - t.y0);
   // Eight units a worker leave at most an eighth of a pass with idle workers at its end.
-  uint32_t size = 32;
+  uint32_t size = largest;
   while (size > 8 && num_pixels / (uint64_t(size) * size) < uint64_t(num_threads) * 8) size /= 2;
   return size;
 }

@@ -37,7 +37,7 @@ constexpr uint32_t max_tile_size = 256;
 
 /// Edge of the work units where the caller did not choose one: so small that every worker gets several, not smaller
 /// than what keeps a unit's fixed cost low.
-uint32_t choose_tile_size(std::span<const gpurt_tile> tiles, uint32_t num_threads);
+uint32_t choose_tile_size(std::span<const gpurt_tile> tiles, uint32_t num_threads, uint32_t largest = 32);
 
 /// Numbers of samples at which a frame that aims for an error looks at it: 32, 48, 64, 96, 128, ...: about 1.4 times
 /// more each time, with halves that are multiples of large powers of two, for which low-discrepancy points are best.

@@ -21,7 +21,7 @@ static_assert(sizeof(PixelSums) == 112 && sizeof(PixelFeatures) == 48 && sizeof(
               "the file holds these as they lie in memory: a change of layout needs a new format_version");
 
 constexpr char magic[8] = {'g', 'p', 'u', 'r', 't', 'f', 'r', 'm'};
-constexpr uint32_t format_version = 2;
+constexpr uint32_t format_version = 3;
 constexpr uint32_t library_version =
     GPURT_VERSION_MAJOR << 16 | GPURT_VERSION_MINOR << 8 | GPURT_VERSION_PATCH;
 
@@ -47,10 +47,12 @@ struct Header {
   uint32_t accel;
   uint32_t triangle_test;
   PhotonSettings photon;
+  float reyes_shading_rate;
+  uint32_t reyes_filter, reyes_shading, reyes_no_shadows;
   uint32_t reserved;
 };
 static_assert(sizeof(PhotonCounters) == 80 && sizeof(PhotonSettings) == 16);
-static_assert(sizeof(Header) == 16 + 15 * 8 + 80 + sizeof(Camera) + 11 * 4 + 16 && sizeof(Header) % 8 == 0,
+static_assert(sizeof(Header) == 16 + 15 * 8 + 80 + sizeof(Camera) + 15 * 4 + 16 && sizeof(Header) % 8 == 0,
               "padding would be written");
 
 // Four lanes of multiply and rotate over 64-bit words. Each step is a bijection of its lane, so any damage within one
@@ -114,6 +116,10 @@ Header make_header(const FrameState &s)
   h.max_depth = s.totals.max_depth;
   h.accel = uint32_t(s.accel);
   h.triangle_test = uint32_t(s.triangle_test);
+  h.reyes_shading_rate = s.totals.reyes.shading_rate;
+  h.reyes_filter = uint32_t(s.totals.reyes.filter);
+  h.reyes_shading = uint32_t(s.totals.reyes.shading);
+  h.reyes_no_shadows = s.totals.reyes.no_shadows;
   return h;
 }
 
@@ -127,6 +133,8 @@ FrameState state_from(const Header &h)
   s.triangle_test = TriangleTest(h.triangle_test);
   s.totals.pipeline = gpurt_pipeline(h.pipeline);
   s.totals.max_depth = h.max_depth;
+  s.totals.reyes = {h.reyes_shading_rate, ReyesFilter(h.reyes_filter), ReyesShading(h.reyes_shading),
+                    h.reyes_no_shadows};
   RenderCounters &c = s.totals.counters;
   c.num_samples = h.num_samples;
   c.num_camera_rays = h.num_camera_rays;

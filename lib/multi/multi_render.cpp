@@ -40,6 +40,7 @@ void MultiScene::render(const RenderPass &pass) const
     part.settings = pass.settings;
     part.outputs = pass.outputs;
     part.schedule = pass.schedule;
+    part.reyes = pass.reyes;
     part.cancelled = pass.cancelled;
     part.deliver = [&](const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters) {
       has_delivered = true;

@@ -15,6 +15,7 @@ class MultiScene final : public CommittedScene, public StreamTracing {
   const AccelFacts &accel_facts() const override { return facts_; }
   HostKdTree export_tree(uint32_t tree) const override;
   void render(const RenderPass &pass) const override;
+  void require_reyes() const override { scenes_[0]->require_reyes(); }
   void trace(const TraceRequest &request) const override;
   Schedule resolve_schedule(const Schedule &asked, ScheduleUse use) const override
   {

@@ -11,6 +11,7 @@ namespace {
 
 constexpr uint32_t default_samples_per_pixel = 64;
 constexpr uint32_t default_max_depth = 17;
+constexpr uint32_t reyes_samples_per_pixel = 9, reyes_max_depth = 2;
 
 void check_factor(float value, const char *field)
 {
@@ -89,6 +90,30 @@ BuildPlan plan_build(const gpurt_build_desc &desc, const DeviceInfo &device, boo
   return plan;
 }
 
+namespace {
+
+void check_reyes(const gpurt_render_desc &d)
+{
+  const gpurt_reyes_settings &r = d.reyes;
+  if (d.max_depth > 2) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "max_depth is {}, but GPURT_PIPELINE_REYES has emission (1) and direct light (2) alone; use "
+         "GPURT_PIPELINE_PATH for more",
+         d.max_depth);
+  }
+  if (r.shading_rate != 0 && !(r.shading_rate >= 0x1p-8f && r.shading_rate <= 0x1p8f))
+    fail_invalid("reyes.shading_rate is {}; it must lie in [2^-8, 2^8], or be 0 for 0.25", r.shading_rate);
+  if (uint32_t(r.filter) > GPURT_REYES_FILTER_MITCHELL)
+    fail_invalid("reyes.filter is {}; it must be a value of gpurt_reyes_filter", uint32_t(r.filter));
+  if (uint32_t(r.shading) > GPURT_REYES_SHADING_BLOCKS)
+    fail_invalid("reyes.shading is {}; it must be a value of gpurt_reyes_shading", uint32_t(r.shading));
+  if (r.no_shadows > 1) fail_invalid("reyes.no_shadows is {}; it must be 0 or 1", r.no_shadows);
+  for (const uint32_t reserved : r.reserved)
+    if (reserved != 0) fail_invalid("reyes.reserved is {}; it must be 0", reserved);
+}
+
+}  // namespace
+
 RenderPlan plan_render(const gpurt_render_desc &desc)
 {
   RenderPlan plan{desc, "pipeline path: as asked"};
@@ -104,10 +129,9 @@ RenderPlan plan_render(const gpurt_render_desc &desc)
       plan.reason = "pipeline photon: as asked";
       break;
     case GPURT_PIPELINE_REYES:
-      fail(GPURT_ERROR_UNSUPPORTED,
-           "GPURT_PIPELINE_REYES is not supported by this version; use GPURT_PIPELINE_PATH, with max_depth 2 "
-           "for direct "
-           "light alone");
+      plan.reason = "pipeline reyes: as asked";
+      check_reyes(d);
+      break;
     case GPURT_PIPELINE_HYBRID:
       fail(GPURT_ERROR_UNSUPPORTED,
            "GPURT_PIPELINE_HYBRID is not supported by this version; use GPURT_PIPELINE_PATH");
@@ -127,10 +151,11 @@ RenderPlan plan_render(const gpurt_render_desc &desc)
   if (!(d.time_limit_s >= 0) || std::isinf(d.time_limit_s)) {
     fail_invalid("time_limit_s is {}; it must be 0 or a positive number", d.time_limit_s);
   }
-  if (d.max_depth == 0) d.max_depth = default_max_depth;
+  const bool is_reyes = d.pipeline == GPURT_PIPELINE_REYES;
+  if (d.max_depth == 0) d.max_depth = is_reyes ? reyes_max_depth : default_max_depth;
   if (d.samples_per_pixel == 0 && d.target_error == 0 && d.time_limit_s == 0) {
-    d.samples_per_pixel = default_samples_per_pixel;
-    plan.reason += fmt::format("; {} samples per pixel: the default", default_samples_per_pixel);
+    d.samples_per_pixel = is_reyes ? reyes_samples_per_pixel : default_samples_per_pixel;
+    plan.reason += fmt::format("; {} samples per pixel: the default", d.samples_per_pixel);
   }
   return plan;
 }

@@ -36,6 +36,7 @@ class Compiler {
     sources_.clear();
     make_groups();
     place();
+    count_roots();
     collect_lights();
     build_light_tree(out_);
     compile_environment(in_.environment, out_);
@@ -103,8 +104,10 @@ class Compiler {
       }
       out_.segments.push_back(s);
       out_.has_alpha_masks |= in_.materials[s.material].alpha_cutoff > 0;
-      if (geometry.kind == GeometryKind::Patches)
-        out_.num_patches += geometry.patches.control_points.size() / 16;
+      const uint64_t num_patches =
+          geometry.kind == GeometryKind::Patches ? geometry.patches.control_points.size() / 16 : 0;
+      out_.patch_ranges.push_back({uint32_t(out_.num_patches), uint32_t(num_patches), rate, 0});
+      out_.num_patches += num_patches;
       sources_.push_back(std::move(source));
     }
     out_.positions.resize(vertices);
@@ -112,6 +115,7 @@ class Compiler {
     out_.triangle_segment.resize(triangles);
     out_.normals.resize(normals);
     out_.uvs.resize(uvs);
+    out_.control_points.resize(16 * out_.num_patches);
   }
 
   uint32_t patch_rate(uint32_t geometry) const
@@ -138,6 +142,14 @@ class Compiler {
     }
     if (s.first_uv != invalid_id) source.store_uvs(out_.uvs.data() + s.first_uv);
     std::fill_n(out_.triangle_segment.begin() + s.first_triangle, s.num_triangles, index);
+    const SharedArray<Vec3f> &points = in_.geometries[p.geometry].patches.control_points;
+    Vec3f *control_points = out_.control_points.data() + 16 * size_t(out_.patch_ranges[index].first_patch);
+    if (out_.patch_ranges[index].num_patches != 0) {
+      parallel_for_each(points.size(), [&](uint64_t i) {
+        const Vec3d q = to_double(points[i]);
+        control_points[i] = to_float(is_baked ? transform_point(transform, q) : q);
+      });
+    }
     const uint64_t bad =
         find_first(source.num_vertices(), [&](uint64_t i) { return !is_finite(positions[i]); });
     if (bad != source.num_vertices()) {
@@ -200,6 +212,21 @@ class Compiler {
       out_.bounds = extend(out_.bounds, p.bounds);
       out_.placements.push_back(p);
     }
+  }
+
+  // What REYES takes as primitives: patches, or triangles, of all instances.
+  void count_roots()
+  {
+    uint64_t num_roots = 0;
+    const auto add = [&](uint32_t segment, uint32_t placement) {
+      const PatchRange &patches = out_.patch_ranges[segment];
+      out_.root_ranges.push_back({num_roots, segment, placement});
+      num_roots += patches.num_patches != 0 ? patches.num_patches : out_.segments[segment].num_triangles;
+    };
+    for (size_t i = 0; i < num_baked_; ++i) add(uint32_t(i), invalid_id);
+    for (size_t i = 0; i < out_.placements.size(); ++i)
+      add(uint32_t(num_baked_ + out_.placements[i].group - 1), uint32_t(i));
+    out_.root_ranges.push_back({num_roots, invalid_id, invalid_id});
   }
 
   // Lamps triangle by triangle, then points and spots, then distant lights.
@@ -308,13 +335,20 @@ SceneView CompiledScene::view() const
   return v;
 }
 
+ReyesScene CompiledScene::reyes_view() const
+{
+  return {view(), control_points.data(), patch_ranges.data(), root_ranges.data(),
+          root_ranges.empty() ? 0 : uint32_t(root_ranges.size()) - 1};
+}
+
 uint64_t CompiledScene::bytes() const
 {
   const auto size = [](const auto &v) { return uint64_t(v.capacity()) * sizeof(v[0]); };
   uint64_t sum = size(positions) + size(indices) + size(triangle_segment) + size(normals) + size(uvs) +
                  size(segments) + size(groups) + size(group_geometry) + size(placements) + size(materials) +
                  size(textures) + size(texture_data) + size(lights) + size(light_nodes) +
-                 size(light_bundles) + size(environment_rows) + size(environment_columns) + size(cameras);
+                 size(light_bundles) + size(environment_rows) + size(environment_columns) + size(cameras) +
+                 size(control_points) + size(patch_ranges) + size(root_ranges);
   for (const auto &texels : texture_data) sum += texels->size();
   return sum;
 }

@@ -90,6 +90,10 @@ uint64_t hash_scene(const CompiledScene &scene)
   hash.add_array(scene.environment_rows);
   hash.add_array(scene.environment_columns);
   hash.add_array(scene.cameras);
+  if (scene.num_patches != 0) {
+    hash.add_array(scene.control_points);
+    hash.add_array(scene.patch_ranges);
+  }
   return hash.value();
 }
 

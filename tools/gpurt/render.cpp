@@ -18,7 +18,9 @@ struct RenderOptions {
   DeviceOptions device;
   BuildOptions build;
   PhotonOptions photon;
-  std::string pipeline = "auto";
+  std::string pipeline = "auto", filter = "box", shading = "samples";
+  float shading_rate = 0;
+  bool no_shadows = false;
   uint32_t width = 0, height = 0, camera = 0, samples = 0, tile = 0, max_depth = 0, frame_index = 0;
   float error = 0;
   double time = 0;
@@ -48,6 +50,17 @@ gpurt_pipeline pipeline_of(const std::string &name)
     if (name == name_of(gpurt_pipeline(p))) return gpurt_pipeline(p);
   }
   return GPURT_PIPELINE_AUTO;
+}
+
+// Which of the names it is; they count as the enum does.
+int index_of(const std::string &name, std::initializer_list<const char *> names)
+{
+  int i = 0;
+  for (const char *n : names) {
+    if (name == n) return i;
+    ++i;
+  }
+  return 0;
 }
 
 // What the state file was made with holds for the rest of the run too, except where the command line says otherwise:
@@ -157,6 +170,17 @@ void run(RenderOptions o, const CLI::App &command)
   render.max_depth = o.max_depth;
   render.tile_size = o.tile;
   render.photon = o.photon.settings();
+  if (render.pipeline == GPURT_PIPELINE_REYES) {
+    // What is not given is left to the library: a frame that goes on has its settings.
+    const auto is_given = [&](const char *option) { return command.count(option) > 0; };
+    render.reyes.shading_rate = o.shading_rate;
+    if (is_given("--filter"))
+      render.reyes.filter = gpurt_reyes_filter(index_of(o.filter, {"auto", "box", "gaussian", "mitchell"}));
+    if (is_given("--shading"))
+      render.reyes.shading =
+          gpurt_reyes_shading(index_of(o.shading, {"auto", "samples", "micropolygons", "blocks"}));
+    render.reyes.no_shadows = o.no_shadows ? 1 : 0;
+  }
   Job job;
   check(gpurt_frame_submit(frame, &render, nullptr, 0, job.out()));
   const bool was_interrupted = wait_with_progress(job, o.device.quiet);
@@ -179,7 +203,7 @@ void add_render_command(CLI::App &program)
   o->output.add_to(*command);
   command
       ->add_option("--pipeline", o->pipeline,
-                   "auto (path), path, photon, reyes or hybrid; this version has path and, on CPUs, photon")
+                   "auto (path), path, photon, reyes or hybrid; this version has path and, on CPUs, photon and reyes")
       ->check(CLI::IsMember({"auto", "path", "photon", "reyes", "hybrid"}))
       ->type_name("NAME")
       ->capture_default_str();
@@ -202,7 +226,7 @@ void add_render_command(CLI::App &program)
       },
       "POSITIVE");
   CLI::Option *samples =
-      command->add_option("--spp", o->samples, "until every pixel has this many samples (default 64)")
+      command->add_option("--spp", o->samples, "until every pixel has this many samples (default 64, of reyes 9)")
           ->check(CLI::Range(1u, std::numeric_limits<uint32_t>::max()))
           ->type_name("N");
   CLI::Option *error =
@@ -218,8 +242,22 @@ void add_render_command(CLI::App &program)
   command->add_option("--tile", o->tile, "edge of a work unit in pixels; 0: automatic; changes no bits")
       ->check(CLI::Range(0, 256))
       ->capture_default_str();
-  command->add_option("--max-depth", o->max_depth, "path length: 1 is emission alone, 2 direct light; 0: 17")
+  command->add_option("--max-depth", o->max_depth, "path length: 1 is emission alone, 2 direct light; 0: 17, of reyes 2")
       ->capture_default_str();
+  command->add_option("--shading-rate", o->shading_rate, "reyes: area of a micropolygon in pixels (default 0.25)")
+      ->check(CLI::Range(0.00390625, 256.0))
+      ->type_name("A");
+  command->add_option("--filter", o->filter, "reyes: box, gaussian or mitchell")
+      ->check(CLI::IsMember({"box", "gaussian", "mitchell"}))
+      ->type_name("NAME")
+      ->capture_default_str();
+  command
+      ->add_option("--shading", o->shading,
+                   "reyes: light at all samples, or once for all those of micropolygons or of blocks of 2 x 2")
+      ->check(CLI::IsMember({"samples", "micropolygons", "blocks"}))
+      ->type_name("NAME")
+      ->capture_default_str();
+  command->add_flag("--no-shadows", o->no_shadows, "reyes: nothing stands between surfaces and lights");
   command->add_option("--seed", o->seed, "another seed gives independent noise")->capture_default_str();
   command
       ->add_option("--frame", o->frame_index,

@@ -115,6 +115,33 @@ Json to_json(const gpurt_photon_settings &s, const gpurt_photon_counters &c)
           {"smallest_radius", c.smallest_radius}};
 }
 
+// Counters of REYES, and what it was asked for.
+Json to_json(const gpurt_reyes_settings &s, const gpurt_reyes_counters &c)
+{
+  const auto name = [](uint32_t value, std::initializer_list<const char *> names) {
+    return value < names.size() ? std::string(names.begin()[value]) : fmt::format("unknown ({})", value);
+  };
+  return {{"shading_rate", s.shading_rate},
+          {"filter", name(s.filter, {"auto", "box", "gaussian", "mitchell"})},
+          {"shading", name(s.shading, {"auto", "samples", "micropolygons", "blocks"})},
+          {"shadows", s.no_shadows == 0},
+          {"num_patches", c.num_patches},
+          {"num_triangles", c.num_triangles},
+          {"num_splits", c.num_splits},
+          {"num_culled", c.num_culled},
+          {"num_grids", c.num_grids},
+          {"num_micropolygons", c.num_micropolygons},
+          {"num_fragments", c.num_fragments},
+          {"num_shaded", c.num_shaded},
+          {"largest_queue", c.largest_queue},
+          {"largest_bucket", c.largest_bucket},
+          {"working_bytes", c.working_bytes},
+          {"bound_seconds", c.bound_seconds},
+          {"split_seconds", c.split_seconds},
+          {"dice_seconds", c.dice_seconds},
+          {"sample_seconds", c.sample_seconds}};
+}
+
 Json to_json(const gpurt_statistics &s)
 {
   return {{"pipeline", name_of(s.pipeline)},
@@ -146,6 +173,7 @@ Json to_json(const gpurt_statistics &s)
           {"memory_peak_bytes", s.memory_peak_bytes},
           {"schedule", to_json(s.schedule)},
           {"photon", s.photon.photons_per_pass ? to_json(s.photon, s.photon_counters) : Json(nullptr)},
+          {"reyes", s.pipeline == GPURT_PIPELINE_REYES ? to_json(s.reyes, s.reyes_counters) : Json(nullptr)},
           {"reason", s.reason}};
 }
 

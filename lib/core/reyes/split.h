@@ -1,0 +1,248 @@
+// Stage 'split': cuts a patch until every piece is one grid of micropolygons, without cracks between pieces.
+//
+// An isoline is where two pieces meet: a boundary of the patch, or the curve along which a piece was cut, over the range
+// of that piece. The vertices on it are decided by the isoline alone: a range of it has 2^j equal segments if its length
+// on the image asks for at most max_segments, else each half decides for itself. Both neighbours follow that rule with
+// the same numbers, so they agree on the vertices whatever else they do. A piece that is cut across an isoline where
+// that has no vertex gets the nearest one for its corner: edges may shrink to a point, and none is ever off the isoline.
+//
+// Source: Fisher et al. 2009, DiagSplit, for rates from edge data alone.
+// Differs: rates are powers of two, so that vertices are dyadic; splits that miss an edge's vertices are moved to the
+// nearest one instead of choosing the split for them.
+#pragma once
+
+#include "core/reyes/bound.h"
+
+namespace gpurt {
+
+constexpr uint32_t max_segment_bits = 4;  // a grid has at most 16 x 16 micropolygons
+constexpr uint32_t max_segments = 1u << max_segment_bits;
+// Pieces are not cut below 2^-17 of the patch an axis: what crosses the eye plane there is diced, and clipped later.
+constexpr uint32_t smallest_piece_bits = 5;
+// An isoline whose vertices are still to be decided; else log2 of the distance between its vertices.
+constexpr uint8_t open_edge = 0;
+
+// Edges 0 and 1 run along u at the lower and upper v, edges 2 and 3 along v at the lower and upper u. Corners: u + 2 v.
+struct Piece {
+  uint32_t u, v;             // lower ends
+  uint8_t u_bits, v_bits;    // the range is 2^bits
+  uint8_t edge[4];           // log2 of the distance of vertices, or open_edge
+  uint8_t grid_u, grid_v;    // log2 of the micropolygons, once it is to be diced
+  uint32_t corner_u[4], corner_v[4];  // where the corners are: on vertices of the isolines
+};
+
+enum class PieceAction : uint32_t { Cull, Dice, SplitU, SplitV };
+
+// What decides how finely is cut.
+struct DiceSettings {
+  float inv_edge;  // segments a pixel of an edge
+  float half_width, half_height;  // of the image in pixels
+};
+
+GPURT_FUNCTIONS_BEGIN
+
+GPURT_INLINE Piece whole_patch()
+{
+  Piece p{};
+  p.u_bits = p.v_bits = parameter_bits;
+  for (int k = 0; k < 4; ++k) {
+    p.edge[k] = open_edge;
+    p.corner_u[k] = k & 1 ? parameter_one : 0;
+    p.corner_v[k] = k & 2 ? parameter_one : 0;
+  }
+  return p;
+}
+
+// log2 of the segments for a length of x segments, rounded to the nearest power of two; max_segment_bits + 1: too many.
+GPURT_INLINE uint32_t segment_bits(float x)
+{
+  uint32_t bits = 0;
+  // The mean of 2^j and 2^(j + 1) in proportion.
+  for (float limit = 1.41421356f; bits <= max_segment_bits && !(x <= limit); limit *= 2.0f) ++bits;
+  return bits;
+}
+
+// Decides the range [k0, k0 + 2^bits] of the isoline with the given control points: the distance of its vertices, or
+// open_edge if the halves are to decide. A function of the isoline's curve and the range, and of the same from its other end.
+GPURT_HD inline uint8_t decide_edge(const float (&x)[4], const float (&y)[4], const float (&w)[4], uint32_t k0,
+                                    uint32_t bits, const DiceSettings &dice)
+{
+  float px[5], py[5];
+  const uint32_t step = 1u << (bits - 2);
+  bool is_in_front = true;
+  for (uint32_t i = 0; i < 5; ++i) {
+    const CubicWeights c = cubic_weights(k0 + i * step);
+    const float pw = cubic(c, w[0], w[1], w[2], w[3]);
+    is_in_front &= pw >= smallest_w;
+    const float inv_w = 1.0f / pw;
+    px[i] = cubic(c, x[0], x[1], x[2], x[3]) * inv_w;
+    py[i] = cubic(c, y[0], y[1], y[2], y[3]) * inv_w;
+  }
+  if (!is_in_front) return bits <= smallest_piece_bits ? uint8_t(bits) : open_edge;
+  float chord[4];
+  for (int i = 0; i < 4; ++i) {
+    const float dx = px[i + 1] - px[i], dy = py[i + 1] - py[i];
+    chord[i] = sqrt(dx * dx + dy * dy);
+  }
+  const float longest = 4.0f * max(max(chord[0], chord[3]), max(chord[1], chord[2]));
+  const float sum = (chord[0] + chord[3]) + (chord[1] + chord[2]);
+  const uint32_t segments = segment_bits(longest * dice.inv_edge);
+  // Segments that would differ much in length: the halves can do better.
+  const bool is_uneven = segments >= 2 && longest > 1.75f * sum;
+  if ((segments > max_segment_bits || is_uneven) && bits > smallest_piece_bits) return open_edge;
+  return uint8_t(bits - min(segments, max_segment_bits));
+}
+
+GPURT_HD inline uint8_t decide_u_edge(const RasterPatch &patch, uint32_t v, uint32_t u0, uint32_t bits,
+                                      const DiceSettings &dice)
+{
+  const CubicWeights c = cubic_weights(v);
+  float x[4], y[4], w[4];
+  row_at(patch.x, c, x);
+  row_at(patch.y, c, y);
+  row_at(patch.w, c, w);
+  return decide_edge(x, y, w, u0, bits, dice);
+}
+GPURT_HD inline uint8_t decide_v_edge(const RasterPatch &patch, uint32_t u, uint32_t v0, uint32_t bits,
+                                      const DiceSettings &dice)
+{
+  const CubicWeights c = cubic_weights(u);
+  float x[4], y[4], w[4];
+  column_at(patch.x, c, x);
+  column_at(patch.y, c, y);
+  column_at(patch.w, c, w);
+  return decide_edge(x, y, w, v0, bits, dice);
+}
+
+// The vertex of an isoline nearest to k; of two the upper one.
+GPURT_INLINE uint32_t nearest_vertex(uint32_t k, uint32_t distance_bits)
+{
+  const uint32_t d = 1u << distance_bits;
+  return (k + d / 2) & ~(d - 1);
+}
+
+// Where the corner is that a cut at k makes on an edge from corner a to corner b; `at` is the other parameter there.
+GPURT_INLINE void cut_edge(const Piece &p, uint32_t edge, uint32_t k, uint32_t k0, uint32_t bits, uint32_t at,
+                           bool along_u, int a, int b, uint32_t &corner_u, uint32_t &corner_v)
+{
+  if (p.edge[edge] == open_edge || p.edge[edge] < bits) {
+    corner_u = along_u ? k : at;
+    corner_v = along_u ? at : k;
+    return;
+  }
+  const int c = nearest_vertex(k, p.edge[edge]) > k0 ? b : a;
+  corner_u = p.corner_u[c];
+  corner_v = p.corner_v[c];
+}
+
+GPURT_HD inline void split_u(const Piece &p, Piece &low, Piece &high)
+{
+  const uint32_t bits = p.u_bits - 1u, m = p.u + (1u << bits), v1 = p.v + (1u << p.v_bits);
+  low = p;
+  low.u_bits = uint8_t(bits);
+  low.edge[3] = open_edge;
+  cut_edge(p, 0, m, p.u, p.u_bits, p.v, true, 0, 1, low.corner_u[1], low.corner_v[1]);
+  cut_edge(p, 1, m, p.u, p.u_bits, v1, true, 2, 3, low.corner_u[3], low.corner_v[3]);
+  high = p;
+  high.u = m;
+  high.u_bits = uint8_t(bits);
+  high.edge[2] = open_edge;
+  high.corner_u[0] = low.corner_u[1];
+  high.corner_v[0] = low.corner_v[1];
+  high.corner_u[2] = low.corner_u[3];
+  high.corner_v[2] = low.corner_v[3];
+}
+
+GPURT_HD inline void split_v(const Piece &p, Piece &low, Piece &high)
+{
+  const uint32_t bits = p.v_bits - 1u, m = p.v + (1u << bits), u1 = p.u + (1u << p.u_bits);
+  low = p;
+  low.v_bits = uint8_t(bits);
+  low.edge[1] = open_edge;
+  cut_edge(p, 2, m, p.v, p.v_bits, p.u, false, 0, 2, low.corner_u[2], low.corner_v[2]);
+  cut_edge(p, 3, m, p.v, p.v_bits, u1, false, 1, 3, low.corner_u[3], low.corner_v[3]);
+  high = p;
+  high.v = m;
+  high.v_bits = uint8_t(bits);
+  high.edge[0] = open_edge;
+  high.corner_u[0] = low.corner_u[2];
+  high.corner_v[0] = low.corner_v[2];
+  high.corner_u[1] = low.corner_u[3];
+  high.corner_v[1] = low.corner_v[3];
+}
+
+// log2 of the segments that an edge with vertices 2^distance apart has within a range of 2^bits.
+GPURT_INLINE uint32_t edge_segment_bits(uint8_t distance_bits, uint32_t bits)
+{
+  return distance_bits < bits ? bits - distance_bits : 0;
+}
+
+// Decides what becomes of a piece, and on the way its edges and, for Dice, its grid. `part` has its control points.
+GPURT_HD inline PieceAction decide_piece(const RasterPatch &patch, const RasterPatch &part,
+                                         const DiceSettings &dice, Piece &p)
+{
+  if (p.edge[0] == open_edge) p.edge[0] = decide_u_edge(patch, p.v, p.u, p.u_bits, dice);
+  if (p.edge[1] == open_edge)
+    p.edge[1] = decide_u_edge(patch, p.v + (1u << p.v_bits), p.u, p.u_bits, dice);
+  if (p.edge[2] == open_edge) p.edge[2] = decide_v_edge(patch, p.u, p.v, p.v_bits, dice);
+  if (p.edge[3] == open_edge)
+    p.edge[3] = decide_v_edge(patch, p.u + (1u << p.u_bits), p.v, p.v_bits, dice);
+
+  // What the inside asks for: the control polygons' lengths along either axis, on the image if they are in front of the
+  // eye; else in raster coordinates as they are.
+  float px[16], py[16];
+  bool is_in_front = true;
+  for (int i = 0; i < 16; ++i) {
+    is_in_front &= part.w[i] >= smallest_w;
+    const float inv_w = 1.0f / part.w[i];
+    px[i] = part.x[i] * inv_w;
+    py[i] = part.y[i] * inv_w;
+  }
+  float length_u = 0.0f, length_v = 0.0f;
+  if (is_in_front) {
+    for (int r = 0; r < 4; ++r) {
+      float along_u = 0.0f, along_v = 0.0f;
+      for (int c = 0; c < 3; ++c) {
+        const int i = 4 * r + c, j = 4 * c + r;
+        const float ux = px[i + 1] - px[i], uy = py[i + 1] - py[i];
+        const float vx = px[j + 4] - px[j], vy = py[j + 4] - py[j];
+        along_u += sqrt(ux * ux + uy * uy);
+        along_v += sqrt(vx * vx + vy * vy);
+      }
+      length_u = max(length_u, along_u);
+      length_v = max(length_v, along_v);
+    }
+  } else {
+    for (int r = 0; r < 4; ++r) {
+      float along_u = 0.0f, along_v = 0.0f;
+      for (int c = 0; c < 3; ++c) {
+        const int i = 4 * r + c, j = 4 * c + r;
+        along_u += length(Vec3f{part.x[i + 1] - part.x[i], part.y[i + 1] - part.y[i],
+                                (part.w[i + 1] - part.w[i]) * dice.half_width});
+        along_v += length(Vec3f{part.x[j + 4] - part.x[j], part.y[j + 4] - part.y[j],
+                                (part.w[j + 4] - part.w[j]) * dice.half_width});
+      }
+      length_u = max(length_u, along_u);
+      length_v = max(length_v, along_v);
+    }
+  }
+  uint32_t inner_u = max_segment_bits + 1, inner_v = max_segment_bits + 1;
+  if (is_in_front) {
+    inner_u = segment_bits(length_u * dice.inv_edge);
+    inner_v = segment_bits(length_v * dice.inv_edge);
+  }
+  const bool wants_u = p.edge[0] == open_edge || p.edge[1] == open_edge || inner_u > max_segment_bits;
+  const bool wants_v = p.edge[2] == open_edge || p.edge[3] == open_edge || inner_v > max_segment_bits;
+  const bool can_u = p.u_bits > smallest_piece_bits, can_v = p.v_bits > smallest_piece_bits;
+  const bool longer_u = length_u >= length_v;
+  if (wants_u && can_u && (longer_u || !(wants_v && can_v))) return PieceAction::SplitU;
+  if (wants_v && can_v) return PieceAction::SplitV;
+  p.grid_u = uint8_t(max(max(edge_segment_bits(p.edge[0], p.u_bits), edge_segment_bits(p.edge[1], p.u_bits)),
+                         min(inner_u, max_segment_bits)));
+  p.grid_v = uint8_t(max(max(edge_segment_bits(p.edge[2], p.v_bits), edge_segment_bits(p.edge[3], p.v_bits)),
+                         min(inner_v, max_segment_bits)));
+  return PieceAction::Dice;
+}
+
+GPURT_FUNCTIONS_END
+}  // namespace gpurt

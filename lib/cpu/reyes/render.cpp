@@ -1,0 +1,224 @@
+#include "cpu/reyes/render.h"
+
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+
+#include <chrono>
+#include <cstring>
+
+#include "core/path/path_pipeline.h"
+#include "core/reyes/filter.h"
+#include "cpu/reyes/buckets.h"
+
+namespace gpurt {
+namespace {
+
+// Paths that are shaded together.
+constexpr uint32_t wave_capacity = 1024;
+// Samples of a bucket at most: they are looked at again and again, and stay in a core's cache.
+constexpr uint64_t bucket_samples = 1u << 14;
+// Without a limit of the device, lists of roots may take this much.
+constexpr uint64_t default_list_bytes = uint64_t(1) << 30;
+
+double steady_seconds()
+{
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+// The edge of the largest bucket of a power of two that holds this many samples a pixel.
+uint32_t bucket_edge_for(uint64_t samples_per_pixel)
+{
+  uint32_t edge = 64;
+  while (edge > 8 && uint64_t(edge) * edge * samples_per_pixel > bucket_samples) edge /= 2;
+  return edge;
+}
+
+// One thread's memory for the samples of a bucket, for a wave of paths and for films.
+class Scratch {
+ public:
+  Scratch(uint64_t num_samples, uint64_t num_cells)
+      : floats_(8 * num_samples),
+        ids_(2 * num_samples + num_cells + 1),
+        num_samples_(num_samples),
+        paths_(wave_capacity),
+        hits_(wave_capacity),
+        rays_(4 * size_t(wave_capacity)),
+        path_ids_(4 * size_t(wave_capacity)),
+        contributions_(2 * size_t(wave_capacity)),
+        occluded_(wave_capacity)
+  {}
+
+  static uint64_t bytes(uint64_t num_samples, uint64_t num_cells)
+  {
+    return num_samples * (8 * sizeof(float) + 2 * sizeof(uint32_t)) + (num_cells + 1) * sizeof(uint32_t) +
+           uint64_t(wave_capacity) * (sizeof(PathState) + sizeof(Hit) + 4 * (sizeof(Ray) + sizeof(uint32_t)) +
+                                      2 * sizeof(Vec3f) + 1);
+  }
+
+  ReyesMemory memory()
+  {
+    const auto array = [&](int i) { return floats_.data() + i * num_samples_; };
+    return {array(0), array(1), array(2), array(3),     array(4),
+            array(5), array(6), array(7), ids_.data(), ids_.data() + num_samples_, ids_.data() + 2 * num_samples_};
+  }
+  PathWave wave()
+  {
+    const auto rays = [&](int i) { return rays_.data() + i * wave_capacity; };
+    const auto ids = [&](int i) { return path_ids_.data() + i * wave_capacity; };
+    return {paths_.data(),
+            {rays(0), ids(0)},
+            hits_.data(),
+            {rays(1), ids(1)},
+            {rays(2), ids(2), contributions_.data()},
+            {rays(3), ids(3), contributions_.data() + wave_capacity},
+            occluded_.data()};
+  }
+
+  TileFilm film, bucket_film;
+
+ private:
+  std::vector<float> floats_;
+  std::vector<uint32_t> ids_;
+  uint64_t num_samples_;
+  std::vector<PathState> paths_;
+  std::vector<Hit> hits_;
+  std::vector<Ray> rays_;
+  std::vector<uint32_t> path_ids_;
+  std::vector<Vec3f> contributions_;
+  std::vector<uint8_t> occluded_;
+};
+
+RenderCounters counters_from(const ReyesKernelCounters &k, uint64_t num_samples)
+{
+  RenderCounters c;
+  c.num_samples = num_samples;
+  c.num_bounce_rays = k.num_bounce_rays;
+  c.num_shadow_rays = k.num_shadow_rays;
+  c.generate_seconds = k.stage_seconds[uint32_t(PathStage::Generate)];
+  c.trace_seconds = k.stage_seconds[uint32_t(PathStage::Trace)];
+  c.shade_seconds = k.stage_seconds[uint32_t(PathStage::Shade)];
+  c.shadow_seconds = k.stage_seconds[uint32_t(PathStage::Shadow)];
+  c.film_seconds = k.stage_seconds[uint32_t(PathStage::Film)];
+  c.largest_sample = k.largest_sample;
+  ReyesCounters &r = c.reyes;
+  r.num_patches = k.num_patches;
+  r.num_triangles = k.num_triangles;
+  r.num_splits = k.num_splits;
+  r.num_culled = k.num_culled;
+  r.num_grids = k.num_grids;
+  r.num_micropolygons = k.num_micropolygons;
+  r.num_fragments = k.num_fragments;
+  r.num_shaded = k.num_shaded;
+  r.largest_queue = k.largest_queue;
+  r.split_seconds = k.split_seconds;
+  r.dice_seconds = k.dice_seconds;
+  r.sample_seconds = k.sample_seconds;
+  return c;
+}
+
+}  // namespace
+
+void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const ReyesScene &scene,
+                         const ReyesKernels &kernels, tbb::task_arena &arena,
+                         const std::shared_ptr<MemoryTracker> &memory)
+{
+  const ReyesSettings &reyes = *pass.reyes;
+  const Camera &camera = pass.settings.camera;
+  const uint64_t num_roots = scene.num_ranges == 0 ? 0 : scene.ranges[scene.num_ranges].first_root;
+  if (num_roots > max_roots) {
+    fail_invalid("the scene has {} patches and triangles through its instances; REYES takes at most {}", num_roots,
+                 max_roots);
+  }
+  uint64_t most_samples = 1, film_bytes = 0;
+  for (const WorkUnit &u : pass.units) {
+    most_samples = std::max(most_samples, u.num_samples);
+    film_bytes = std::max(film_bytes, TileFilm::bytes_for(uint64_t(u.x1 - u.x0) * (u.y1 - u.y0), pass.outputs));
+  }
+  const uint32_t edge = bucket_edge_for(most_samples);
+  const uint64_t num_samples = uint64_t(edge) * edge * most_samples, num_cells = largest_cells(edge);
+  film_bytes += TileFilm::bytes_for(uint64_t(edge) * edge, pass.outputs);
+  const uint64_t scratch_bytes =
+      uint64_t(arena.max_concurrency()) * (Scratch::bytes(num_samples, num_cells) + film_bytes);
+  const Reservation reserved(memory, scratch_bytes, "rendering's working memory");
+  // Half of what is left goes to lists: several passes may run.
+  uint64_t list_bytes = default_list_bytes;
+  if (memory && memory->limit() != 0)
+    list_bytes = std::min(list_bytes, (memory->limit() - std::min(memory->limit(), memory->used())) / 2);
+  const auto is_cancelled = [&] {
+    return pass.cancelled != nullptr && pass.cancelled->load(std::memory_order_relaxed);
+  };
+
+  arena.execute([&] {
+    const double start = steady_seconds();
+    const RootBuckets buckets(scene, kernels, camera, edge, filter_reach(reyes.filter), list_bytes);
+    const Reservation lists(memory, buckets.bytes(), "REYES' lists of primitives");
+    // Counted with the unit that comes first.
+    std::atomic<bool> is_first{true};
+    const double bound_seconds = steady_seconds() - start;
+    tbb::enumerable_thread_specific<Scratch> scratches([&] { return Scratch(num_samples, num_cells); });
+    tbb::parallel_for(
+        tbb::blocked_range<size_t>(0, pass.units.size(), 1),
+        [&](const tbb::blocked_range<size_t> &range) {
+          Scratch &scratch = scratches.local();
+          const ReyesMemory samples = scratch.memory();
+          const PathWave wave = scratch.wave();
+          for (size_t k = range.begin(); k != range.end(); ++k) {
+            const WorkUnit &unit = pass.units[k];
+            scratch.film.reset(unit.x1 - unit.x0, unit.y1 - unit.y0, pass.outputs);
+            ReyesKernelCounters counters{};
+            uint64_t largest_bucket = 0;
+            for (uint32_t y = unit.y0; y < unit.y1;) {
+              const uint32_t y1 = std::min((y / edge + 1) * edge, unit.y1);
+              for (uint32_t x = unit.x0; x < unit.x1;) {
+                const uint32_t x1 = std::min((x / edge + 1) * edge, unit.x1);
+                if (is_cancelled()) return;
+                const std::span<const uint32_t> roots = buckets.roots_of(x, y);
+                const ReyesBucket bucket{x,
+                                         y,
+                                         x1,
+                                         y1,
+                                         unit.first_sample,
+                                         unit.num_samples,
+                                         buckets.has_lists() ? roots.data() : nullptr,
+                                         buckets.has_lists() ? roots.size() : num_roots};
+                largest_bucket = std::max(largest_bucket, bucket.num_roots);
+                kernels.find_visible(scene, pass.settings, reyes, bucket, samples, steady_seconds, counters);
+                scratch.bucket_film.reset(x1 - x, y1 - y, pass.outputs);
+                kernels.shade(accel, scene, pass.settings, reyes, bucket, samples, wave, wave_capacity,
+                              scratch.bucket_film.view(), steady_seconds, counters);
+                add_film(scratch.film, scratch.bucket_film, x - unit.x0, y - unit.y0);
+                x = x1;
+              }
+              y = y1;
+            }
+            RenderCounters c =
+                counters_from(counters, uint64_t(unit.x1 - unit.x0) * (unit.y1 - unit.y0) * unit.num_samples);
+            c.reyes.largest_bucket = largest_bucket;
+            c.reyes.working_bytes = scratch_bytes + buckets.bytes();
+            if (is_first.exchange(false)) c.reyes.bound_seconds = bound_seconds;
+            pass.deliver(unit, scratch.film, c);
+          }
+        },
+        tbb::simple_partitioner());
+  });
+}
+
+#if defined(__x86_64__)
+inline namespace x86_64 {
+const ReyesKernels &reyes_kernels();
+}
+namespace x86_64_v3 {
+const ReyesKernels &reyes_kernels();
+}
+const ReyesKernels &reyes_kernels(const char *isa_name)
+{
+  return std::strcmp(isa_name, "x86_64_v3") == 0 ? x86_64_v3::reyes_kernels() : x86_64::reyes_kernels();
+}
+#else
+inline namespace generic {
+const ReyesKernels &reyes_kernels();
+}
+const ReyesKernels &reyes_kernels(const char *) { return generic::reyes_kernels(); }
+#endif
+
+}  // namespace gpurt

@@ -1,0 +1,403 @@
+// Runs the REYES stages one after another on the calling thread; see reyes_kernel.h.
+#include "cpu/reyes/reyes_kernel.h"
+
+#include "core/path/path_pipeline.h"
+#include "core/reyes/filter.h"
+#include "cpu/reyes/sample_loops.h"
+
+namespace gpurt {
+GPURT_FUNCTIONS_BEGIN
+namespace {
+
+// Pieces wait in a stack: each cut of an axis leaves one of two behind.
+constexpr uint32_t stack_size = 2 * (parameter_bits - smallest_piece_bits) + 2;
+
+void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, uint32_t n, RasterBox *boxes)
+{
+  const RasterProjection projection = raster_projection(camera);
+  uint32_t r = 0;
+  for (uint32_t i = 0; i < n; ++i) {
+    const uint64_t root = first + i;
+    // Roots ascend: the first one finds its range, later ones move on.
+    if (i == 0) {
+      const RootRange range = range_of_root(scene, root);
+      while (scene.ranges[r].segment != range.segment || scene.ranges[r].placement != range.placement) ++r;
+    }
+    while (scene.ranges[r + 1].first_root <= root) ++r;
+    const RootRange &range = scene.ranges[r];
+    const uint32_t primitive = uint32_t(root - range.first_root);
+    bool is_seen;
+    if (scene.patches[range.segment].num_patches != 0) {
+      RasterPatch patch;
+      transform_patch(scene, projection, range, primitive, patch);
+      is_seen = raster_box(patch.x, patch.y, patch.w, 16, camera.width, camera.height, boxes[i]);
+    } else {
+      RasterPoint p[3];
+      transform_triangle(scene, projection, range, scene.scene.segments[range.segment].first_triangle + primitive,
+                         p);
+      const float x[3] = {p[0].x, p[1].x, p[2].x}, y[3] = {p[0].y, p[1].y, p[2].y}, w[3] = {p[0].w, p[1].w, p[2].w};
+      is_seen = raster_box(x, y, w, 3, camera.width, camera.height, boxes[i]);
+    }
+    if (!is_seen) boxes[i] = {0, 0, -1, -1};
+  }
+}
+
+// The bucket's samples, sorted by cells.
+class Places {
+ public:
+  Places(const PathSettings &settings, const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory)
+      : memory_(memory),
+        width_(bucket.x1 - bucket.x0),
+        num_pixels_(width_ * (bucket.y1 - bucket.y0)),
+        num_samples_(uint32_t(num_pixels_ * bucket.num_samples))
+  {
+    const int32_t reach = filter_reach(reyes.filter);
+    SampleBlock &b = block_;
+    b.cell_bits = bucket.num_samples >= 3 ? unit_bits - 1 : unit_bits;
+    b.cells_x = int32_t(width_ + 2 * reach) << (unit_bits - b.cell_bits);
+    b.cells_y = int32_t(bucket.y1 - bucket.y0 + 2 * reach) << (unit_bits - b.cell_bits);
+    b.origin_x = (int32_t(bucket.x0) - reach) * (1 << unit_bits);
+    b.origin_y = (int32_t(bucket.y0) - reach) * (1 << unit_bits);
+    b.num_samples = num_samples_;
+    b.x = memory.x;
+    b.y = memory.y;
+    b.z = memory.z;
+    b.root = memory.root;
+    b.u = memory.u;
+    b.v = memory.v;
+    b.first = memory.first;
+    FilterTable table{};
+    if (reyes.filter != ReyesFilter::Box) make_filter_table(reyes.filter, table);
+    for (uint32_t k = 0; k < num_samples_; ++k) {
+      const uint32_t turn = k / num_pixels_, local = k - turn * num_pixels_, row = local / width_;
+      const SampleKey key = sample_key(settings.seed, settings.frame_index, bucket.x0 + (local - row * width_),
+                                       bucket.y0 + row, bucket.first_sample + turn);
+      const FilteredPlace place = place_sample(reyes.filter, table, sample_2d(key, dim_pixel));
+      memory.place_x[k] = place.offset.x;
+      memory.place_y[k] = place.offset.y;
+      memory.weight[k] = place.weight;
+    }
+    sort();
+  }
+
+  const SampleBlock &block() const { return block_; }
+
+ private:
+  // Raster units from the block's corner.
+  void units(uint32_t k, int32_t &x, int32_t &y) const
+  {
+    const uint32_t local = k % num_pixels_;
+    const int32_t reach_x = block_.cells_x - (int32_t(width_) << (unit_bits - block_.cell_bits));
+    const int32_t margin = (reach_x << block_.cell_bits) / 2;
+    x = int32_t(floor(memory_.place_x[k] * units_per_pixel)) + int32_t((local % width_) << unit_bits) + margin;
+    y = int32_t(floor(memory_.place_y[k] * units_per_pixel)) + int32_t((local / width_) << unit_bits) + margin;
+  }
+
+  void sort()
+  {
+    const uint32_t num_cells = uint32_t(block_.cells_x) * uint32_t(block_.cells_y);
+    const auto cell_of = [&](int32_t x, int32_t y) {
+      return uint32_t(y >> block_.cell_bits) * uint32_t(block_.cells_x) + uint32_t(x >> block_.cell_bits);
+    };
+    for (uint32_t c = 0; c <= num_cells; ++c) memory_.first[c] = 0;
+    int32_t x, y;
+    for (uint32_t k = 0; k < num_samples_; ++k) {
+      units(k, x, y);
+      memory_.first[cell_of(x, y)]++;
+    }
+    uint32_t sum = 0;
+    for (uint32_t c = 0; c <= num_cells; ++c) {
+      const uint32_t count = memory_.first[c];
+      memory_.first[c] = sum;
+      sum += count;
+    }
+    // Filling moves every cell's start to its end, which is the next cell's start.
+    for (uint32_t k = 0; k < num_samples_; ++k) {
+      units(k, x, y);
+      const uint32_t slot = memory_.first[cell_of(x, y)]++;
+      memory_.slot[k] = slot;
+      memory_.x[slot] = float(x);
+      memory_.y[slot] = float(y);
+      memory_.z[slot] = 0.0f;
+      memory_.root[slot] = invalid_id;
+    }
+    for (uint32_t c = num_cells; c > 0; --c) memory_.first[c] = memory_.first[c - 1];
+    memory_.first[0] = 0;
+  }
+
+  const ReyesMemory &memory_;
+  const uint32_t width_, num_pixels_, num_samples_;
+  SampleBlock block_{};
+};
+
+// Splits, dices and samples patches.
+class PatchPipeline {
+ public:
+  PatchPipeline(const RasterProjection &projection, const DiceSettings &dice, BlockSampler &sampler,
+                double (*seconds)(), ReyesKernelCounters &counters)
+      : projection_(projection),
+        dice_(dice),
+        sampler_(sampler),
+        rect_(sampler.rect()),
+        seconds_(seconds),
+        counters_(counters),
+        last_(seconds())
+  {}
+
+  void run(const RasterPatch &patch, RasterPoint largest)
+  {
+    Piece stack[stack_size];
+    uint32_t waiting = 1;
+    stack[0] = whole_patch();
+    RasterPatch part;
+    while (waiting != 0) {
+      Piece piece = stack[--waiting];
+      const float u0 = parameter(piece.u), u1 = parameter(piece.u + (1u << piece.u_bits));
+      const float v0 = parameter(piece.v), v1 = parameter(piece.v + (1u << piece.v_bits));
+      sub_patch(patch.x, u0, u1, v0, v1, part.x);
+      sub_patch(patch.y, u0, u1, v0, v1, part.y);
+      sub_patch(patch.w, u0, u1, v0, v1, part.w);
+      if (!can_be_seen(part.x, part.y, part.w, 16, largest, rect_)) {
+        counters_.num_culled++;
+        continue;
+      }
+      const PieceAction action = decide_piece(patch, part, dice_, piece);
+      if (action == PieceAction::Dice) {
+        dice(patch, piece);
+        continue;
+      }
+      // The lower half goes first.
+      Piece low, high;
+      if (action == PieceAction::SplitU) split_u(piece, low, high);
+      else split_v(piece, low, high);
+      stack[waiting++] = high;
+      stack[waiting++] = low;
+      counters_.num_splits++;
+      counters_.largest_queue = max(counters_.largest_queue, uint64_t(waiting));
+    }
+  }
+
+  void charge(double &stage)
+  {
+    const double now = seconds_();
+    stage += now - last_;
+    last_ = now;
+  }
+
+ private:
+  void dice(const RasterPatch &patch, const Piece &piece)
+  {
+    charge(counters_.split_seconds);
+    dice_piece(patch, piece, projection_, grid_);
+    counters_.num_grids++;
+    counters_.num_micropolygons += uint64_t(grid_.num_u) * grid_.num_v;
+    charge(counters_.dice_seconds);
+    sampler_.sample_grid(grid_);
+    charge(counters_.sample_seconds);
+  }
+
+  const RasterProjection &projection_;
+  const DiceSettings dice_;
+  BlockSampler &sampler_;
+  const RasterRect rect_;
+  double (*seconds_)();
+  ReyesKernelCounters &counters_;
+  double last_;
+  Grid grid_;
+};
+
+void find_visible(const ReyesScene &scene, const PathSettings &settings, const ReyesSettings &reyes,
+                  const ReyesBucket &bucket, const ReyesMemory &memory, double (*seconds)(),
+                  ReyesKernelCounters &counters)
+{
+  const double start = seconds();
+  const Places places(settings, reyes, bucket, memory);
+  const RasterProjection projection = raster_projection(settings.camera);
+  const DiceSettings dice{1.0f / sqrt(reyes.shading_rate), 0.5f * float(settings.camera.width),
+                          0.5f * float(settings.camera.height)};
+  BlockSampler sampler(scene, projection, places.block());
+  counters.stage_seconds[uint32_t(PathStage::Generate)] += seconds() - start;
+  PatchPipeline patches(projection, dice, sampler, seconds, counters);
+  uint32_t r = 0;
+  for (uint64_t i = 0; i < bucket.num_roots; ++i) {
+    const uint32_t root = bucket.roots != nullptr ? bucket.roots[i] : uint32_t(i);
+    if (scene.ranges[r + 1].first_root <= root) {
+      ++r;
+      // Far away: search.
+      if (scene.ranges[r + 1].first_root <= root) {
+        uint32_t lo = r, hi = scene.num_ranges;
+        while (hi - lo > 1) {
+          const uint32_t mid = lo + (hi - lo) / 2;
+          if (scene.ranges[mid].first_root <= root) lo = mid;
+          else hi = mid;
+        }
+        r = lo;
+      }
+    }
+    const RootRange &range = scene.ranges[r];
+    const uint32_t primitive = uint32_t(root - range.first_root);
+    if (scene.patches[range.segment].num_patches != 0) {
+      RasterPatch patch;
+      transform_patch(scene, projection, range, primitive, patch);
+      const RasterPoint largest = largest_coordinates(patch.x, patch.y, patch.w, 16);
+      sampler.begin_root(root, largest);
+      counters.num_patches++;
+      patches.run(patch, largest);
+    } else {
+      RasterPoint p[3];
+      transform_triangle(scene, projection, range, scene.scene.segments[range.segment].first_triangle + primitive,
+                         p);
+      const float x[3] = {p[0].x, p[1].x, p[2].x}, y[3] = {p[0].y, p[1].y, p[2].y}, w[3] = {p[0].w, p[1].w, p[2].w};
+      sampler.begin_root(root, largest_coordinates(x, y, w, 3));
+      counters.num_triangles++;
+      sampler.sample_triangle(raster_vertex(p[0], 0.0f, 0.0f, projection), raster_vertex(p[1], 1.0f, 0.0f, projection),
+                              raster_vertex(p[2], 0.0f, 1.0f, projection));
+    }
+  }
+  patches.charge(counters.split_seconds);
+  counters.num_fragments += sampler.num_fragments();
+}
+
+// Path tracing's stages with what the samples see in place of the eye rays' hits.
+class ReyesExecutor {
+ public:
+  ReyesExecutor(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
+                const ReyesSettings &reyes, const ReyesMemory &memory, const PathUnit &unit, const PathWave &wave,
+                double (*seconds)(), ReyesKernelCounters &counters)
+      : accel_(accel),
+        scene_(scene),
+        settings_(settings),
+        reyes_(reyes),
+        memory_(memory),
+        unit_(unit),
+        wave_(wave),
+        seconds_(seconds),
+        counters_(counters),
+        last_(seconds())
+  {}
+
+  template <class Stage>
+  void for_each(PathStage id, uint32_t n, const Stage &stage)
+  {
+    for (uint32_t i = 0; i < n; ++i) stage(i);
+    charge(id);
+  }
+
+  void trace_closest(const Ray *rays, Hit *hits, uint32_t n)
+  {
+    if (is_first_) {
+      look_up(n);
+      is_first_ = false;
+    } else {
+      accel_.closest(accel_, rays, hits, n);
+      counters_.num_bounce_rays += n;
+    }
+    charge(PathStage::Trace);
+  }
+
+  void trace_occluded(const Ray *rays, uint8_t *occluded, uint32_t n)
+  {
+    if (reyes_.no_shadows) {
+      for (uint32_t i = 0; i < n; ++i) occluded[i] = 0;
+    } else {
+      if (n != 0) accel_.occluded(accel_, rays, occluded, n);
+      counters_.num_shadow_rays += n;
+    }
+    charge(PathStage::Shadow);
+  }
+
+  uint32_t compact_rays(const RayQueue &from, uint32_t n, const RayQueue &to)
+  {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n; ++i) {
+      if (from.rays[i].tmax < 0.0f) continue;
+      to.rays[kept] = from.rays[i];
+      to.paths[kept++] = from.paths[i];
+    }
+    return kept;
+  }
+
+  uint32_t compact_shadows(const ShadowQueue &from, uint32_t n, const ShadowQueue &to)
+  {
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < n; ++i) {
+      if (from.rays[i].tmax < 0.0f) continue;
+      to.rays[kept] = from.rays[i];
+      to.paths[kept] = from.paths[i];
+      to.contributions[kept++] = from.contributions[i];
+    }
+    return kept;
+  }
+
+ private:
+  void look_up(uint32_t n)
+  {
+    const Transform &m = settings_.camera.camera_to_world;
+    const Vec3f forward{-m.m[0][2], -m.m[1][2], -m.m[2][2]};
+    for (uint32_t i = 0; i < n; ++i) {
+      const uint32_t k = uint32_t(unit_.first_path) + i, slot = memory_.slot[k];
+      Ray &ray = wave_.rays.rays[i];
+      if (reyes_.filter != ReyesFilter::Box) {
+        const PathSample s = path_sample(unit_, i);
+        float depth_per_t;
+        ray = camera_ray(settings_.camera, float(s.x) + memory_.place_x[k], float(s.y) + memory_.place_y[k],
+                         depth_per_t);
+        wave_.paths[i].throughput = vec3(memory_.weight[k]);
+      }
+      if (memory_.root[slot] == invalid_id) {
+        wave_.hits[i] = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
+        continue;
+      }
+      const float t = 1.0f / (memory_.z[slot] * dot(ray.direction, forward));
+      wave_.hits[i] = hit_of_root(scene_, memory_.root[slot], memory_.u[slot], memory_.v[slot], t);
+      counters_.num_shaded++;
+    }
+  }
+
+  void charge(PathStage id)
+  {
+    const double now = seconds_();
+    counters_.stage_seconds[uint32_t(id)] += now - last_;
+    last_ = now;
+  }
+
+  const CpuAccel &accel_;
+  const ReyesScene &scene_;
+  const PathSettings &settings_;
+  const ReyesSettings &reyes_;
+  const ReyesMemory &memory_;
+  const PathUnit &unit_;
+  const PathWave &wave_;
+  double (*seconds_)();
+  ReyesKernelCounters &counters_;
+  double last_;
+  bool is_first_ = true;
+};
+
+void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings, const ReyesSettings &reyes,
+           const ReyesBucket &bucket, const ReyesMemory &memory, const PathWave &wave, uint32_t wave_capacity,
+           const FilmView &film, double (*seconds)(), ReyesKernelCounters &counters)
+{
+  const uint64_t num_paths = uint64_t(bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0) * bucket.num_samples;
+  for (uint64_t first = 0; first < num_paths; first += wave_capacity) {
+    const PathUnit unit{bucket.x0, bucket.y0, bucket.x1, bucket.y1, bucket.first_sample, first};
+    const uint32_t n = uint32_t(min(uint64_t(wave_capacity), num_paths - first));
+    ReyesExecutor executor(accel, scene, settings, reyes, memory, unit, wave, seconds, counters);
+    trace_paths(executor, scene.scene, settings, unit, wave, film, n);
+    for (uint32_t i = 0; i < n; ++i) {
+      const float largest = max_component(wave.paths[i].radiance);
+      if (largest > counters.largest_sample) counters.largest_sample = largest;
+    }
+  }
+}
+
+}  // namespace
+
+const ReyesKernels &reyes_kernels()
+{
+  static constexpr ReyesKernels kernels = {bound_roots, find_visible, shade};
+  return kernels;
+}
+
+GPURT_FUNCTIONS_END
+}  // namespace gpurt
