@@ -107,9 +107,29 @@ void check_reyes(const gpurt_render_desc &d)
     fail_invalid("reyes.filter is {}; it must be a value of gpurt_reyes_filter", uint32_t(r.filter));
   if (uint32_t(r.shading) > GPURT_REYES_SHADING_BLOCKS)
     fail_invalid("reyes.shading is {}; it must be a value of gpurt_reyes_shading", uint32_t(r.shading));
+  if (r.shading > GPURT_REYES_SHADING_SAMPLES) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "reyes.shading {} is not supported by this version; use GPURT_REYES_SHADING_SAMPLES",
+         r.shading == GPURT_REYES_SHADING_BLOCKS ? "GPURT_REYES_SHADING_BLOCKS"
+                                                 : "GPURT_REYES_SHADING_MICROPOLYGONS");
+  }
   if (r.no_shadows > 1) fail_invalid("reyes.no_shadows is {}; it must be 0 or 1", r.no_shadows);
   for (const uint32_t reserved : r.reserved)
     if (reserved != 0) fail_invalid("reyes.reserved is {}; it must be 0", reserved);
+}
+
+// Settings of a pipeline that is not asked for are a mistake.
+void refuse_reyes_settings(const gpurt_reyes_settings &r)
+{
+  const auto refuse = [](const char *field, auto value) {
+    fail_invalid("reyes.{} is {}, but the pipeline is not GPURT_PIPELINE_REYES; set it to 0", field, value);
+  };
+  if (r.shading_rate != 0) refuse("shading_rate", r.shading_rate);
+  if (r.filter != 0) refuse("filter", uint32_t(r.filter));
+  if (r.shading != 0) refuse("shading", uint32_t(r.shading));
+  if (r.no_shadows != 0) refuse("no_shadows", r.no_shadows);
+  for (const uint32_t reserved : r.reserved)
+    if (reserved != 0) refuse("reserved", reserved);
 }
 
 }  // namespace
@@ -152,6 +172,7 @@ RenderPlan plan_render(const gpurt_render_desc &desc)
     fail_invalid("time_limit_s is {}; it must be 0 or a positive number", d.time_limit_s);
   }
   const bool is_reyes = d.pipeline == GPURT_PIPELINE_REYES;
+  if (!is_reyes) refuse_reyes_settings(d.reyes);
   if (d.max_depth == 0) d.max_depth = is_reyes ? reyes_max_depth : default_max_depth;
   if (d.samples_per_pixel == 0 && d.target_error == 0 && d.time_limit_s == 0) {
     d.samples_per_pixel = is_reyes ? reyes_samples_per_pixel : default_samples_per_pixel;

@@ -550,9 +550,8 @@ TEST_F(Arguments, Submissions)
     expect_failure(wanted, part, part, [&] { return gpurt_frame_submit(frame, &d, nullptr, 0, job.out()); });
   };
   refuse_render("pipeline is 5", [](auto &d) { d.pipeline = gpurt_pipeline(5); });
-  for (const gpurt_pipeline pipeline : {GPURT_PIPELINE_REYES, GPURT_PIPELINE_HYBRID}) {
-    refuse_render("GPURT_PIPELINE_PATH", [=](auto &d) { d.pipeline = pipeline; }, GPURT_ERROR_UNSUPPORTED);
-  }
+  refuse_render(
+      "GPURT_PIPELINE_PATH", [](auto &d) { d.pipeline = GPURT_PIPELINE_HYBRID; }, GPURT_ERROR_UNSUPPORTED);
   // Photon mapping's settings belong to its pipeline.
   refuse_render("GPURT_PIPELINE_PHOTON", [](auto &d) { d.photon.photons_per_pass = 1; });
   gpurt_frame_desc frame_desc = GPURT_FRAME_DESC_INIT;
@@ -584,6 +583,25 @@ TEST_F(Arguments, Submissions)
         "GPURT_PHOTON_ESTIMATOR_MEMORYLESS", [=](auto &d) { d.photon.estimator = estimator; },
         GPURT_ERROR_UNSUPPORTED);
   }
+  const auto refuse_reyes = [&](const std::string &part, auto change,
+                                gpurt_result wanted = GPURT_ERROR_INVALID_ARGUMENT) {
+    refuse_render(
+        part,
+        [=](auto &d) {
+          d.pipeline = GPURT_PIPELINE_REYES;
+          change(d);
+        },
+        wanted);
+  };
+  refuse_reyes("max_depth is 3", [](auto &d) { d.max_depth = 3; }, GPURT_ERROR_UNSUPPORTED);
+  refuse_reyes("reyes.shading_rate is -1", [](auto &d) { d.reyes.shading_rate = -1; });
+  refuse_reyes("reyes.shading_rate is 1000", [](auto &d) { d.reyes.shading_rate = 1000; });
+  refuse_reyes("reyes.shading_rate is nan", [](auto &d) { d.reyes.shading_rate = std::nanf(""); });
+  refuse_reyes("reyes.filter is 4", [](auto &d) { d.reyes.filter = gpurt_reyes_filter(4); });
+  refuse_reyes("reyes.shading is 4", [](auto &d) { d.reyes.shading = gpurt_reyes_shading(4); });
+  refuse_reyes("reyes.no_shadows is 2", [](auto &d) { d.reyes.no_shadows = 2; });
+  refuse_reyes("reyes.reserved is 1", [](auto &d) { d.reyes.reserved[1] = 1; });
+  refuse_render("reyes.shading_rate is 1, but", [](auto &d) { d.reyes.shading_rate = 1; });
   refuse_render("target_error", [](auto &d) { d.target_error = nan_value; });
   refuse_render("target_error", [](auto &d) { d.target_error = -1; });
   refuse_render("tile_size is 257; it is at most 256", [](auto &d) { d.tile_size = 257; });

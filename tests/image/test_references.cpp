@@ -39,7 +39,9 @@ struct Case {
   // lamps in rough metal; with fewer samples most tiles have not seen the rare bright paths, so that their variance is
   // underestimated and 4 sigma mean nothing. To: with more, what the scene leaves open shows, as said at each case.
   uint32_t tiles_from = 0, tiles_to = UINT32_MAX;
+  gpurt_pipeline pipeline = GPURT_PIPELINE_PATH;
 };
+constexpr gpurt_pipeline reyes = GPURT_PIPELINE_REYES;
 
 // Samples that keep each case to a second or two.
 const Case cases[] = {
@@ -78,11 +80,22 @@ const Case cases[] = {
     {"lights_punctual.glb", "lights_punctual_direct", 32, 0, 512},
     {"env_latlong.glb", "env_latlong", 128},
     {"degenerate_edges.glb", "degenerate_edges", 64},
+    // Micropolygons of the patches themselves: with less noise what the references' triangles leave shows, in the same
+    // tiles and by the same amount as where the patches are path traced.
+    {"teapot_patches.glb", "teapot_direct", 64, 0, 64, reyes},
+    {"killeroo_patches.glb", "killeroo_direct", 32, 0, 32, reyes},
+    {"bigguy_patches.glb", "bigguy_direct", 64, 0, 0, reyes},
+    {"eye_split_patches.glb", "eye_split", 64, 0, UINT32_MAX, reyes},
+    {"eye_split_tunnel_patches.glb", "eye_split_tunnel_direct", 64, 0, UINT32_MAX, reyes},
+    // Meshes: flat and smooth triangles, textures, lamps seen directly.
+    {"killeroo_tess.glb", "killeroo_direct", 64, 0, UINT32_MAX, reyes},
+    {"lights_punctual.glb", "lights_punctual_direct", 64, 0, 512, reyes},
 };
 
 class References : public testing::TestWithParam<Case> {};
 INSTANTIATE_TEST_SUITE_P(Scenes, References, testing::ValuesIn(cases), [](const auto &info) {
   std::string name = std::string(info.param.scene) + "_" + info.param.reference;
+  if (info.param.pipeline == reyes) name += "_reyes";
   for (char &c : name) {
     if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
   }
@@ -100,6 +113,7 @@ TEST_P(References, ImageAgreesWithinItsNoise)
   const RgbImage reference =
       read_rgb_exr((scenes_folder() / "reference" / (std::string(test.reference) + ".exr")).string());
 
+  if (test.pipeline == reyes && device_type() != GPURT_DEVICE_CPU) GTEST_SKIP() << "REYES is for CPU devices";
   Device device = make_device(device_type());
   ASSERT_NE(gpurt_device(device), nullptr);
   Scene scene;
@@ -109,7 +123,8 @@ TEST_P(References, ImageAgreesWithinItsNoise)
   RenderOptions o;
   o.width = facts["width"];
   o.height = facts["height"];
-  o.max_depth = facts["max_depth"];
+  o.pipeline = test.pipeline;
+  o.max_depth = test.pipeline == reyes ? 2 : uint32_t(facts["max_depth"]);
   const char *spp = std::getenv("GPURT_TEST_SPP");
   o.spp = spp != nullptr ? std::max(uint32_t(std::atoi(spp)), test.tiles_from) : test.spp;
   ASSERT_EQ(reference.width, o.width);

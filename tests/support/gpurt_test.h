@@ -238,6 +238,8 @@ struct RenderOptions {
   uint32_t width = 32, height = 32, spp = 64, max_depth = 0, tile_size = 0;
   uint64_t seed = 0;
   std::vector<gpurt_tile> tiles = {};
+  gpurt_pipeline pipeline = GPURT_PIPELINE_PATH;
+  gpurt_reyes_settings reyes = GPURT_REYES_SETTINGS_INIT;
 };
 
 inline Frame make_frame(gpurt_scene scene, const RenderOptions &o, uint32_t outputs = 0)
@@ -255,7 +257,8 @@ inline Frame make_frame(gpurt_scene scene, const RenderOptions &o, uint32_t outp
 inline void render(gpurt_frame frame, const RenderOptions &o)
 {
   gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
-  desc.pipeline = GPURT_PIPELINE_PATH;
+  desc.pipeline = o.pipeline;
+  desc.reyes = o.reyes;
   desc.samples_per_pixel = o.spp;
   desc.max_depth = o.max_depth;
   desc.tile_size = o.tile_size;

@@ -244,7 +244,7 @@ def test_a_dropped_job_is_cancelled(box):
 
 
 def test_pipelines_that_do_not_exist_yet(box):
-    for pipeline in ("reyes", "hybrid"):
+    for pipeline in ("hybrid",):
         with pytest.raises(gpurt.Unsupported):
             box.render(pipeline, width=8, height=8, spp=1)
 

@@ -24,10 +24,10 @@ constexpr uint8_t open_edge = 0;
 
 // Edges 0 and 1 run along u at the lower and upper v, edges 2 and 3 along v at the lower and upper u. Corners: u + 2 v.
 struct Piece {
-  uint32_t u, v;             // lower ends
-  uint8_t u_bits, v_bits;    // the range is 2^bits
-  uint8_t edge[4];           // log2 of the distance of vertices, or open_edge
-  uint8_t grid_u, grid_v;    // log2 of the micropolygons, once it is to be diced
+  uint32_t u, v;                      // lower ends
+  uint8_t u_bits, v_bits;             // the range is 2^bits
+  uint8_t edge[4];                    // log2 of the distance of vertices, or open_edge
+  uint8_t grid_u, grid_v;             // log2 of the micropolygons, once it is to be diced
   uint32_t corner_u[4], corner_v[4];  // where the corners are: on vertices of the isolines
 };
 
@@ -35,7 +35,7 @@ enum class PieceAction : uint32_t { Cull, Dice, SplitU, SplitV };
 
 // What decides how finely is cut.
 struct DiceSettings {
-  float inv_edge;  // segments a pixel of an edge
+  float inv_edge;                 // segments a pixel of an edge
   float half_width, half_height;  // of the image in pixels
 };
 
@@ -64,8 +64,8 @@ GPURT_INLINE uint32_t segment_bits(float x)
 
 // Decides the range [k0, k0 + 2^bits] of the isoline with the given control points: the distance of its vertices, or
 // open_edge if the halves are to decide. A function of the isoline's curve and the range, and of the same from its other end.
-GPURT_HD inline uint8_t decide_edge(const float (&x)[4], const float (&y)[4], const float (&w)[4], uint32_t k0,
-                                    uint32_t bits, const DiceSettings &dice)
+GPURT_HD inline uint8_t decide_edge(const float (&x)[4], const float (&y)[4], const float (&w)[4],
+                                    uint32_t k0, uint32_t bits, const DiceSettings &dice)
 {
   float px[5], py[5];
   const uint32_t step = 1u << (bits - 2);
@@ -171,6 +171,28 @@ GPURT_HD inline void split_v(const Piece &p, Piece &low, Piece &high)
   high.corner_v[1] = low.corner_v[3];
 }
 
+// Whether a piece can be seen in a rectangle: by its control points, and by corners that were moved out of its range.
+GPURT_HD inline bool can_be_seen(const RasterPatch &patch, const RasterPatch &part, const Piece &p,
+                                 RasterPoint largest, const RasterRect &rect)
+{
+  float x[20], y[20], w[20];
+  for (int i = 0; i < 16; ++i) {
+    x[i] = part.x[i];
+    y[i] = part.y[i];
+    w[i] = part.w[i];
+  }
+  int n = 16;
+  for (uint32_t k = 0; k < 4; ++k) {
+    const uint32_t u = k & 1 ? p.u + (1u << p.u_bits) : p.u, v = k & 2 ? p.v + (1u << p.v_bits) : p.v;
+    if (p.corner_u[k] == u && p.corner_v[k] == v) continue;
+    const RasterPoint q = patch_point(patch, p.corner_u[k], p.corner_v[k]);
+    x[n] = q.x;
+    y[n] = q.y;
+    w[n++] = q.w;
+  }
+  return can_be_seen(x, y, w, n, largest, rect);
+}
+
 // log2 of the segments that an edge with vertices 2^distance apart has within a range of 2^bits.
 GPURT_INLINE uint32_t edge_segment_bits(uint8_t distance_bits, uint32_t bits)
 {
@@ -182,11 +204,9 @@ GPURT_HD inline PieceAction decide_piece(const RasterPatch &patch, const RasterP
                                          const DiceSettings &dice, Piece &p)
 {
   if (p.edge[0] == open_edge) p.edge[0] = decide_u_edge(patch, p.v, p.u, p.u_bits, dice);
-  if (p.edge[1] == open_edge)
-    p.edge[1] = decide_u_edge(patch, p.v + (1u << p.v_bits), p.u, p.u_bits, dice);
+  if (p.edge[1] == open_edge) p.edge[1] = decide_u_edge(patch, p.v + (1u << p.v_bits), p.u, p.u_bits, dice);
   if (p.edge[2] == open_edge) p.edge[2] = decide_v_edge(patch, p.u, p.v, p.v_bits, dice);
-  if (p.edge[3] == open_edge)
-    p.edge[3] = decide_v_edge(patch, p.u + (1u << p.u_bits), p.v, p.v_bits, dice);
+  if (p.edge[3] == open_edge) p.edge[3] = decide_v_edge(patch, p.u + (1u << p.u_bits), p.v, p.v_bits, dice);
 
   // What the inside asks for: the control polygons' lengths along either axis, on the image if they are in front of the
   // eye; else in raster coordinates as they are.

@@ -33,9 +33,10 @@ void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, 
       is_seen = raster_box(patch.x, patch.y, patch.w, 16, camera.width, camera.height, boxes[i]);
     } else {
       RasterPoint p[3];
-      transform_triangle(scene, projection, range, scene.scene.segments[range.segment].first_triangle + primitive,
-                         p);
-      const float x[3] = {p[0].x, p[1].x, p[2].x}, y[3] = {p[0].y, p[1].y, p[2].y}, w[3] = {p[0].w, p[1].w, p[2].w};
+      transform_triangle(scene, projection, range,
+                         scene.scene.segments[range.segment].first_triangle + primitive, p);
+      const float x[3] = {p[0].x, p[1].x, p[2].x}, y[3] = {p[0].y, p[1].y, p[2].y},
+                  w[3] = {p[0].w, p[1].w, p[2].w};
       is_seen = raster_box(x, y, w, 3, camera.width, camera.height, boxes[i]);
     }
     if (!is_seen) boxes[i] = {0, 0, -1, -1};
@@ -45,7 +46,8 @@ void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, 
 // The bucket's samples, sorted by cells.
 class Places {
  public:
-  Places(const PathSettings &settings, const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory)
+  Places(const PathSettings &settings, const ReyesSettings &reyes, const ReyesBucket &bucket,
+         const ReyesMemory &memory)
       : memory_(memory),
         width_(bucket.x1 - bucket.x0),
         num_pixels_(width_ * (bucket.y1 - bucket.y0)),
@@ -70,8 +72,9 @@ class Places {
     if (reyes.filter != ReyesFilter::Box) make_filter_table(reyes.filter, table);
     for (uint32_t k = 0; k < num_samples_; ++k) {
       const uint32_t turn = k / num_pixels_, local = k - turn * num_pixels_, row = local / width_;
-      const SampleKey key = sample_key(settings.seed, settings.frame_index, bucket.x0 + (local - row * width_),
-                                       bucket.y0 + row, bucket.first_sample + turn);
+      const SampleKey key =
+          sample_key(settings.seed, settings.frame_index, bucket.x0 + (local - row * width_), bucket.y0 + row,
+                     bucket.first_sample + turn);
       const FilteredPlace place = place_sample(reyes.filter, table, sample_2d(key, dim_pixel));
       memory.place_x[k] = place.offset.x;
       memory.place_y[k] = place.offset.y;
@@ -89,8 +92,10 @@ class Places {
     const uint32_t local = k % num_pixels_;
     const int32_t reach_x = block_.cells_x - (int32_t(width_) << (unit_bits - block_.cell_bits));
     const int32_t margin = (reach_x << block_.cell_bits) / 2;
-    x = int32_t(floor(memory_.place_x[k] * units_per_pixel)) + int32_t((local % width_) << unit_bits) + margin;
-    y = int32_t(floor(memory_.place_y[k] * units_per_pixel)) + int32_t((local / width_) << unit_bits) + margin;
+    x = int32_t(floor(memory_.place_x[k] * units_per_pixel)) + int32_t((local % width_) << unit_bits) +
+        margin;
+    y = int32_t(floor(memory_.place_y[k] * units_per_pixel)) + int32_t((local / width_) << unit_bits) +
+        margin;
   }
 
   void sort()
@@ -157,7 +162,7 @@ class PatchPipeline {
       sub_patch(patch.x, u0, u1, v0, v1, part.x);
       sub_patch(patch.y, u0, u1, v0, v1, part.y);
       sub_patch(patch.w, u0, u1, v0, v1, part.w);
-      if (!can_be_seen(part.x, part.y, part.w, 16, largest, rect_)) {
+      if (!can_be_seen(patch, part, piece, largest, rect_)) {
         counters_.num_culled++;
         continue;
       }
@@ -245,12 +250,14 @@ void find_visible(const ReyesScene &scene, const PathSettings &settings, const R
       patches.run(patch, largest);
     } else {
       RasterPoint p[3];
-      transform_triangle(scene, projection, range, scene.scene.segments[range.segment].first_triangle + primitive,
-                         p);
-      const float x[3] = {p[0].x, p[1].x, p[2].x}, y[3] = {p[0].y, p[1].y, p[2].y}, w[3] = {p[0].w, p[1].w, p[2].w};
+      transform_triangle(scene, projection, range,
+                         scene.scene.segments[range.segment].first_triangle + primitive, p);
+      const float x[3] = {p[0].x, p[1].x, p[2].x}, y[3] = {p[0].y, p[1].y, p[2].y},
+                  w[3] = {p[0].w, p[1].w, p[2].w};
       sampler.begin_root(root, largest_coordinates(x, y, w, 3));
       counters.num_triangles++;
-      sampler.sample_triangle(raster_vertex(p[0], 0.0f, 0.0f, projection), raster_vertex(p[1], 1.0f, 0.0f, projection),
+      sampler.sample_triangle(raster_vertex(p[0], 0.0f, 0.0f, projection),
+                              raster_vertex(p[1], 1.0f, 0.0f, projection),
                               raster_vertex(p[2], 0.0f, 1.0f, projection));
     }
   }
@@ -262,8 +269,8 @@ void find_visible(const ReyesScene &scene, const PathSettings &settings, const R
 class ReyesExecutor {
  public:
   ReyesExecutor(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
-                const ReyesSettings &reyes, const ReyesMemory &memory, const PathUnit &unit, const PathWave &wave,
-                double (*seconds)(), ReyesKernelCounters &counters)
+                const ReyesSettings &reyes, const ReyesMemory &memory, const PathUnit &unit,
+                const PathWave &wave, double (*seconds)(), ReyesKernelCounters &counters)
       : accel_(accel),
         scene_(scene),
         settings_(settings),
@@ -374,9 +381,10 @@ class ReyesExecutor {
   bool is_first_ = true;
 };
 
-void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings, const ReyesSettings &reyes,
-           const ReyesBucket &bucket, const ReyesMemory &memory, const PathWave &wave, uint32_t wave_capacity,
-           const FilmView &film, double (*seconds)(), ReyesKernelCounters &counters)
+void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
+           const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory,
+           const PathWave &wave, uint32_t wave_capacity, const FilmView &film, double (*seconds)(),
+           ReyesKernelCounters &counters)
 {
   const uint64_t num_paths = uint64_t(bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0) * bucket.num_samples;
   for (uint64_t first = 0; first < num_paths; first += wave_capacity) {

@@ -1,0 +1,367 @@
+// REYES: no cracks, what path tracing sees, and an image that depends on nothing but the scene and the settings.
+#include "../support/patch_shapes.h"
+
+namespace {
+
+using namespace gpurt_test;
+
+RenderOptions reyes_options(uint32_t size, uint32_t spp, float shading_rate = 0)
+{
+  RenderOptions o;
+  o.width = o.height = size;
+  o.spp = spp;
+  o.pipeline = GPURT_PIPELINE_REYES;
+  o.reyes.shading_rate = shading_rate;
+  o.reyes.no_shadows = 1;
+  o.max_depth = 2;
+  return o;
+}
+
+RenderOptions path_options(const RenderOptions &o)
+{
+  RenderOptions p = o;
+  p.pipeline = GPURT_PIPELINE_PATH;
+  p.reyes = GPURT_REYES_SETTINGS_INIT;
+  return p;
+}
+
+Frame camera_frame(gpurt_scene scene, const RenderOptions &o, uint32_t camera, uint32_t outputs = 0)
+{
+  gpurt_frame_desc desc = GPURT_FRAME_DESC_INIT;
+  desc.width = o.width;
+  desc.height = o.height;
+  desc.camera = camera;
+  desc.seed = o.seed;
+  desc.outputs = outputs;
+  Frame frame;
+  GPURT_EXPECT_OK(gpurt_frame_create(scene, &desc, frame.out()));
+  return frame;
+}
+
+template <class T>
+std::vector<T> read_output(gpurt_frame frame, const RenderOptions &o, gpurt_output output, size_t components)
+{
+  std::vector<T> values(size_t(o.width) * o.height * components);
+  GPURT_EXPECT_OK(gpurt_frame_read(frame, output, values.data(), values.size() * sizeof(T)));
+  return values;
+}
+
+// Coverage is that of the patches: rays may meet something coarser.
+void coarse_commit(gpurt_scene scene)
+{
+  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+  build.accel = GPURT_ACCEL_BVH;
+  build.patch_tolerance = 0.01f;
+  GPURT_EXPECT_OK(gpurt_scene_commit(scene, &build));
+}
+
+// Samples that something covers, pixel by pixel.
+std::vector<int> covered_samples(gpurt_scene scene, const RenderOptions &o, uint32_t camera)
+{
+  Frame frame = camera_frame(scene, o, camera);
+  render(frame, o);
+  std::vector<int> counts;
+  for (float a : read_output<float>(frame, o, GPURT_OUTPUT_ALPHA, 1))
+    counts.push_back(int(std::lround(a * float(o.spp))));
+  return counts;
+}
+
+gpurt_statistics statistics_of(gpurt_frame frame)
+{
+  gpurt_statistics s = GPURT_STATISTICS_INIT;
+  GPURT_EXPECT_OK(gpurt_frame_get_statistics(frame, &s));
+  return s;
+}
+
+// Catalogue row 37: whatever stands within a closed surface sees it in every direction. Eyes lie anywhere inside, also so
+// close to the surface that pieces cross the eye plane.
+TEST(Reyes, SeesNoBackgroundFromWithinAClosedSurface)
+{
+  Device device = make_device();
+  std::mt19937_64 rng(1);
+  int num_cameras = 0;
+  for (const auto &[nets, largest] : {std::pair{closed_patches(1, 0.0, 1), 0.75},
+                                      {closed_patches(2, 0.3, 2), 0.5},
+                                      {closed_patches(3, 0.15, 3), 0.7},
+                                      {poles(3), 0.6},
+                                      {poles(5), 0.7}}) {
+    SCOPED_TRACE(nets.size());
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+    add_patches(scene, nets);
+    constexpr uint32_t num = 40;
+    for (uint32_t i = 0; i < num; ++i) {
+      std::array<double, 3> eye;
+      double length = 0;
+      for (double &c : eye) {
+        c = uniform(rng, -1, 1);
+        length += c * c;
+      }
+      // Half of them far out, where the surface is near.
+      const double r = i % 2 ? largest : largest * uniform(rng);
+      for (double &c : eye) c *= r / std::sqrt(length);
+      add_turned_camera(scene, eye, rng, float(uniform(rng, 0.3, 2.5)));
+    }
+    coarse_commit(scene);
+    for (uint32_t i = 0; i < num; ++i, ++num_cameras) {
+      const float rates[] = {0.25f, 1.0f, 3.0f, 40.0f};
+      RenderOptions o = reyes_options(24, 9, rates[i % 4]);
+      o.seed = i;
+      const std::vector<int> covered = covered_samples(scene, o, i);
+      for (size_t p = 0; p < covered.size(); ++p)
+        ASSERT_EQ(covered[p], 9) << "camera " << i << ", pixel " << p % 24 << ", " << p / 24;
+    }
+  }
+  std::printf("%d cameras\n", num_cameras);
+}
+
+// Outlines are those of the surface within one sample: path tracing of a fine tessellation takes the same eye rays.
+TEST(Reyes, CoversWhatPathTracingOfAFineTessellationHits)
+{
+  Device device = make_device();
+  std::mt19937_64 rng(2);
+  uint64_t num_edge = 0, num_off = 0;
+  for (const auto &nets : {closed_patches(1, 0.2, 4), closed_patches(2, 0.3, 5), poles(4)}) {
+    SCOPED_TRACE(nets.size());
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+    add_patches(scene, nets);
+    constexpr uint32_t num = 8;
+    for (uint32_t i = 0; i < num; ++i) {
+      std::array<double, 3> eye;
+      for (double &c : eye) c = uniform(rng, -2.5, 2.5);
+      add_turned_camera(scene, eye, rng, 2.0f);
+    }
+    gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+    build.accel = GPURT_ACCEL_BVH;
+    build.patch_tolerance = 1e-4f;
+    GPURT_ASSERT_OK(gpurt_scene_commit(scene, &build));
+    for (uint32_t i = 0; i < num; ++i) {
+      const RenderOptions o = reyes_options(64, 9);
+      const std::vector<int> ours = covered_samples(scene, o, i),
+                             theirs = covered_samples(scene, path_options(o), i);
+      for (size_t p = 0; p < ours.size(); ++p) {
+        ASSERT_LE(std::abs(ours[p] - theirs[p]), 1)
+            << "camera " << i << ", pixel " << p % 64 << ", " << p / 64;
+        num_edge += theirs[p] != 0 && theirs[p] != 9;
+        num_off += ours[p] != theirs[p];
+      }
+    }
+  }
+  std::printf("%llu pixels at outlines, %llu of them a sample off\n",
+              static_cast<unsigned long long>(num_edge), static_cast<unsigned long long>(num_off));
+  // An edge of half a pixel leaves a curve of radius 10 pixels by 0.5^2 / 80 of a pixel, and 9 samples see 9 times that.
+  EXPECT_LE(double(num_off), 0.06 * double(num_edge));
+}
+
+// The image is that of path tracing with the same light: patches, meshes, instances, lamps, masks.
+TEST(Reyes, ShadesAsPathTracingDoes)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  const uint32_t red = add_material(scene, GPURT_MATERIAL_LAMBERT, {0.8f, 0.2f, 0.1f});
+  add_patches(scene, closed_patches(1, 0.1, 7), red,
+              {{0.5f, 0, 0, -0.6f, 0, 0.5f, 0, 0, 0, 0, 0.5f, 0},
+               {-0.4f, 0, 0, 0.7f, 0, 0.4f, 0, 0, 0, 0, 0.4f, 0.3f}});
+  add_mesh(scene, icosphere(2), add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.8f, 0.3f}));
+  add_mesh(scene, quad({-4, -1, -4}, {-4, -1, 4}, {4, -1, 4}, {4, -1, -4}), 0);
+  set_environment(scene, 0.3f);
+  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+  for (float &c : light.intensity) c = 20;
+  light.position[0] = 2;
+  light.position[1] = 3;
+  light.position[2] = 3;
+  uint32_t id;
+  GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, &id));
+  add_camera(scene, {0, 0.3f, 4.5f}, 0.8f);
+  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+  build.accel = GPURT_ACCEL_BVH;
+  build.patch_tolerance = 1e-4f;
+  GPURT_ASSERT_OK(gpurt_scene_commit(scene, &build));
+  RenderOptions o = reyes_options(48, 16);
+  o.reyes.no_shadows = 0;
+  const uint32_t outputs = 1u << GPURT_OUTPUT_DEPTH | 1u << GPURT_OUTPUT_INSTANCE | 1u << GPURT_OUTPUT_NORMAL;
+  Frame ours = make_frame(scene, o, outputs), theirs = make_frame(scene, o, outputs);
+  render(ours, o);
+  render(theirs, path_options(o));
+  // The same samples and random numbers: they differ where a sample falls on either side of an outline.
+  const std::vector<float> a = read_color(ours, o), b = read_color(theirs, o);
+  EXPECT_NEAR(mean(a), mean(b), 0.002 * mean(b));
+  size_t num_close = 0;
+  for (size_t i = 0; i < a.size(); ++i) num_close += std::abs(a[i] - b[i]) <= 0.02f * (0.1f + b[i]);
+  EXPECT_GE(double(num_close), 0.97 * double(a.size()));
+  const auto da = read_output<float>(ours, o, GPURT_OUTPUT_DEPTH, 1),
+             db = read_output<float>(theirs, o, GPURT_OUTPUT_DEPTH, 1);
+  const auto ia = read_output<uint32_t>(ours, o, GPURT_OUTPUT_INSTANCE, 1),
+             ib = read_output<uint32_t>(theirs, o, GPURT_OUTPUT_INSTANCE, 1);
+  size_t num_same = 0;
+  for (size_t i = 0; i < ia.size(); ++i) {
+    if (ia[i] != ib[i]) continue;
+    ++num_same;
+    if (std::isinf(db[i])) EXPECT_TRUE(std::isinf(da[i]));
+    else EXPECT_NEAR(da[i], db[i], 0.05f);
+  }
+  EXPECT_GE(double(num_same), 0.995 * double(ia.size()));
+}
+
+// Catalogue rows 40, 49 and 47: tiles, threads and memory change no bit, nor do surfaces in the same place.
+TEST(Reyes, HasTheSameBitsForAnyTilesThreadsAndMemory)
+{
+  std::vector<float> first;
+  std::vector<uint32_t> first_ids;
+  for (const auto &[threads, tile, limit] : {std::tuple{1u, 64u, uint64_t(0)},
+                                             {2u, 16u, uint64_t(0)},
+                                             {2u, 7u, uint64_t(0)},
+                                             {1u, 256u, uint64_t(12) << 20}}) {
+    Device device = make_device(GPURT_DEVICE_CPU, threads, limit);
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+    // Every patch twice, in one geometry and in another: ties everywhere.
+    std::vector<PatchNet> nets = closed_patches(2, 0.2, 9);
+    const std::vector<PatchNet> once = nets;
+    nets.insert(nets.end(), once.begin(), once.end());
+    add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_LAMBERT, {0.9f, 0.5f, 0.1f}));
+    add_patches(scene, once, add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.5f, 0.9f}));
+    set_environment(scene, 1);
+    add_camera(scene, {0.3f, 0.1f, 2}, 1.0f);
+    coarse_commit(scene);
+    for (const gpurt_reyes_filter filter :
+         {GPURT_REYES_FILTER_BOX, GPURT_REYES_FILTER_GAUSSIAN, GPURT_REYES_FILTER_MITCHELL}) {
+      RenderOptions o = reyes_options(100, 9);
+      o.reyes.filter = filter;
+      o.tile_size = tile;
+      Frame frame = make_frame(scene, o, 1u << GPURT_OUTPUT_PRIMITIVE);
+      render(frame, o);
+      const std::vector<float> color = read_color(frame, o);
+      const auto ids = read_output<uint32_t>(frame, o, GPURT_OUTPUT_PRIMITIVE, 1);
+      const size_t at = size_t(filter) - 1;
+      if (first.size() <= at * color.size()) {
+        first.insert(first.end(), color.begin(), color.end());
+        first_ids.insert(first_ids.end(), ids.begin(), ids.end());
+      }
+      ASSERT_EQ(std::memcmp(first.data() + at * color.size(), color.data(), color.size() * sizeof(float)), 0)
+          << threads << " threads, tiles of " << tile;
+      ASSERT_EQ(std::memcmp(first_ids.data() + at * ids.size(), ids.data(), ids.size() * sizeof(uint32_t)),
+                0);
+    }
+  }
+}
+
+// A job in parts is the job at once; other settings in one frame are refused.
+TEST(Reyes, GoesOnWhereItWas)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_patches(scene, closed_patches(1, 0.1, 3));
+  set_environment(scene, 1);
+  add_camera(scene, {0, 0, 3}, 0.8f);
+  commit(scene, GPURT_ACCEL_BVH);
+  RenderOptions o = reyes_options(32, 20, 1.0f);
+  Frame once = make_frame(scene, o), parts = make_frame(scene, o);
+  render(once, o);
+  RenderOptions part = o;
+  part.spp = 7;
+  render(parts, part);
+  o.reyes.shading_rate = 0;  // what the frame was begun with
+  render(parts, o);
+  EXPECT_EQ(read_color(once, o), read_color(parts, o));
+  gpurt_render_desc other = GPURT_RENDER_DESC_INIT;
+  other.pipeline = GPURT_PIPELINE_REYES;
+  other.samples_per_pixel = 30;
+  other.max_depth = 2;
+  other.reyes.shading_rate = 2.0f;
+  Job job;
+  EXPECT_EQ(gpurt_frame_submit(parts, &other, nullptr, 0, job.out()), GPURT_ERROR_INVALID_ARGUMENT);
+}
+
+// Catalogue row 38: surfaces through the eye and around it, and time that does not run away.
+TEST(Reyes, SurvivesPatchesThroughTheEye)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  // A floor just below, a wall that the eye nearly touches, and a ceiling closer still.
+  add_patches(scene, {flat_patch({-50, -0.001f, -50}, {100, 0, 0}, {0, 0, 100}),
+                      flat_patch({1e-4f, -1, -1}, {0, 2, 0}, {0, 0, 2}),
+                      flat_patch({-1, 1e-6f, -3}, {2, 0, 0}, {0, 0, 6})});
+  set_environment(scene, 1);
+  add_camera(scene, {0, 0, 0}, 1.2f);
+  commit(scene, GPURT_ACCEL_BVH);
+  const RenderOptions o = reyes_options(64, 9);
+  Frame frame = make_frame(scene, o);
+  render(frame, o);
+  const gpurt_statistics s = statistics_of(frame);
+  EXPECT_EQ(s.num_nonfinite, 0u);
+  EXPECT_LE(s.reyes_counters.num_splits, 200000u);
+  const std::vector<int> ours = covered_samples(scene, o, 0),
+                         theirs = covered_samples(scene, path_options(o), 0);
+  for (size_t p = 0; p < ours.size(); ++p) {
+    ASSERT_LE(std::abs(ours[p] - theirs[p]), 1) << "pixel " << p % 64 << ", " << p / 64;
+  }
+}
+
+// Catalogue rows 43 and 44.
+TEST(Reyes, TakesDegenerateAndNeedlePatches)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  PatchNet point{}, line = flat_patch({-1, 0.5f, 0}, {2, 0, 0}, {0, 0, 0});
+  PatchNet triangle = flat_patch({-1, -1, 0}, {2, 0, 0}, {0, 2, 0});
+  for (size_t c = 0; c < 4; ++c) triangle[c] = triangle[0];
+  add_patches(scene, {point, line, triangle});
+  set_environment(scene, 1);
+  add_camera(scene, {0, 0, 3}, 1.0f);
+  add_camera(scene, {0, 10, 3}, 1.0f);
+  commit(scene, GPURT_ACCEL_BVH);
+  const RenderOptions o = reyes_options(64, 9);
+  Frame frame = make_frame(scene, o);
+  render(frame, o);
+  EXPECT_EQ(statistics_of(frame).num_nonfinite, 0u);
+  for (float c : read_color(frame, o)) ASSERT_TRUE(std::isfinite(c));
+
+  Scene needles;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, needles.out()));
+  add_patches(needles, {flat_patch({-1, -0.0005f, 0}, {2, 0, 0}, {0, 0.001f, 0})});
+  add_camera(needles, {0, 0, 3}, 0.8f);
+  commit(needles, GPURT_ACCEL_BVH);
+  RenderOptions large = reyes_options(512, 4);
+  large.tile_size = 256;
+  Frame needle = make_frame(needles, large);
+  render(needle, large);
+  const gpurt_reyes_counters c = statistics_of(needle).reyes_counters;
+  const double pixels = 2 * 512 / (2 * std::tan(0.4) * 3), area = pixels * pixels * 0.0005;
+  // Four tiles dice what they share.
+  EXPECT_LE(double(c.num_micropolygons), 4 * (4 * area / 0.25 + 4 * pixels / 0.5));
+  EXPECT_GE(double(c.num_micropolygons), pixels);
+}
+
+// Catalogue row 41: the outline of a curved surface is the better the smaller micropolygons are.
+TEST(Reyes, OutlinesImproveWithTheShadingRate)
+{
+  Device device = make_device();
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_patches(scene, closed_patches(1, 0.0, 1));
+  add_camera(scene, {0, 0, 3}, 0.9f);
+  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+  build.accel = GPURT_ACCEL_BVH;
+  build.patch_tolerance = 1e-4f;
+  GPURT_ASSERT_OK(gpurt_scene_commit(scene, &build));
+  double last = 0;
+  for (const float rate : {0.25f, 4.0f, 64.0f, 256.0f}) {
+    const RenderOptions o = reyes_options(96, 16, rate);
+    const std::vector<int> ours = covered_samples(scene, o, 0),
+                           theirs = covered_samples(scene, path_options(o), 0);
+    double error = 0;
+    for (size_t p = 0; p < ours.size(); ++p) error += std::abs(ours[p] - theirs[p]);
+    std::printf("shading rate %g: %g samples differ\n", double(rate), error);
+    EXPECT_GE(error, last);
+    last = error;
+  }
+  EXPECT_GT(last, 0);
+}
+
+}  // namespace
