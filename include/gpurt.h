@@ -993,7 +993,7 @@ typedef enum gpurt_pipeline {
   GPURT_PIPELINE_AUTO = 0, /* path, until there is a planner */
   GPURT_PIPELINE_PATH = 1,
   GPURT_PIPELINE_PHOTON = 2, /* this version: on CPU devices; else UNSUPPORTED */
-  GPURT_PIPELINE_REYES = 3,  /* this version: UNSUPPORTED */
+  GPURT_PIPELINE_REYES = 3,  /* this version: on CPU devices, max_depth at most 2; else UNSUPPORTED */
   GPURT_PIPELINE_HYBRID = 4, /* this version: UNSUPPORTED */
   GPURT_PIPELINE_FORCE32 = 0x7fffffff
 } gpurt_pipeline;
@@ -1069,10 +1069,11 @@ typedef enum gpurt_reyes_filter {
 /* Where light is computed: after visibility in every case, so that nothing hidden is shaded. Triangles of meshes are shaded
    at every sample. */
 typedef enum gpurt_reyes_shading {
-  GPURT_REYES_SHADING_AUTO = 0,          /* samples */
-  GPURT_REYES_SHADING_SAMPLES = 1,       /* at every sample */
-  GPURT_REYES_SHADING_MICROPOLYGONS = 2, /* once for each micropolygon that is seen */
-  GPURT_REYES_SHADING_BLOCKS = 3,        /* once for each 2 x 2 of them */
+  GPURT_REYES_SHADING_AUTO = 0,    /* samples */
+  GPURT_REYES_SHADING_SAMPLES = 1, /* at every sample */
+  GPURT_REYES_SHADING_MICROPOLYGONS =
+      2,                          /* once for each micropolygon that is seen; this version: UNSUPPORTED */
+  GPURT_REYES_SHADING_BLOCKS = 3, /* once for each 2 x 2 of them; this version: UNSUPPORTED */
   GPURT_REYES_SHADING_FORCE32 = 0x7fffffff
 } gpurt_reyes_shading;
 
@@ -1114,10 +1115,11 @@ typedef void (*gpurt_progress_fn)(void *user, double done, double total);
 typedef struct gpurt_render_desc {
   uint32_t struct_size; /* set by GPURT_RENDER_DESC_INIT */
   gpurt_pipeline pipeline;
-  uint32_t samples_per_pixel; /* until every pixel of the tiles has this many; 0: by error or time, else 64 */
+  uint32_t
+      samples_per_pixel; /* until every pixel of the tiles has this many; 0: by error or time, else 64, of REYES 9 */
   float target_error;  /* stop at the first whole-frame pass whose estimated relMSE is below; 0: none */
   double time_limit_s; /* stop at the last whole-frame pass that fits; 0: none */
-  uint32_t max_depth;  /* emission seen directly is 1, direct light 2; 0: 17 */
+  uint32_t max_depth;  /* emission seen directly is 1, direct light 2; 0: 17, of REYES 2 */
   uint32_t
       tile_size; /* edge of the square work unit in pixels; 0: the library's choice; at most 256; changes no bits */
   gpurt_progress_fn progress; /* NULL: none */

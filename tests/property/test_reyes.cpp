@@ -89,7 +89,7 @@ TEST(Reyes, SeesNoBackgroundFromWithinAClosedSurface)
     Scene scene;
     GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
     add_patches(scene, nets);
-    constexpr uint32_t num = 40;
+    constexpr uint32_t num = 24;
     for (uint32_t i = 0; i < num; ++i) {
       std::array<double, 3> eye;
       double length = 0;
@@ -126,7 +126,7 @@ TEST(Reyes, CoversWhatPathTracingOfAFineTessellationHits)
     Scene scene;
     GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
     add_patches(scene, nets);
-    constexpr uint32_t num = 8;
+    constexpr uint32_t num = 6;
     for (uint32_t i = 0; i < num; ++i) {
       std::array<double, 3> eye;
       for (double &c : eye) c = uniform(rng, -2.5, 2.5);
@@ -134,7 +134,7 @@ TEST(Reyes, CoversWhatPathTracingOfAFineTessellationHits)
     }
     gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
     build.accel = GPURT_ACCEL_BVH;
-    build.patch_tolerance = 1e-4f;
+    build.patch_tolerance = 4e-4f;
     GPURT_ASSERT_OK(gpurt_scene_commit(scene, &build));
     for (uint32_t i = 0; i < num; ++i) {
       const RenderOptions o = reyes_options(64, 9);

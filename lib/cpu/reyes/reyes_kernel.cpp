@@ -49,15 +49,13 @@ class Places {
   Places(const PathSettings &settings, const ReyesSettings &reyes, const ReyesBucket &bucket,
          const ReyesMemory &memory)
       : memory_(memory),
-        width_(bucket.x1 - bucket.x0),
-        num_pixels_(width_ * (bucket.y1 - bucket.y0)),
-        num_samples_(uint32_t(num_pixels_ * bucket.num_samples))
+        num_samples_(uint32_t(uint64_t(bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0) * bucket.num_samples))
   {
     const int32_t reach = filter_reach(reyes.filter);
     SampleBlock &b = block_;
     b.cell_bits = bucket.num_samples >= 3 ? unit_bits - 1 : unit_bits;
-    b.cells_x = int32_t(width_ + 2 * reach) << (unit_bits - b.cell_bits);
-    b.cells_y = int32_t(bucket.y1 - bucket.y0 + 2 * reach) << (unit_bits - b.cell_bits);
+    b.cells_x = int32_t(bucket.x1 - bucket.x0 + 2 * uint32_t(reach)) << (unit_bits - b.cell_bits);
+    b.cells_y = int32_t(bucket.y1 - bucket.y0 + 2 * uint32_t(reach)) << (unit_bits - b.cell_bits);
     b.origin_x = (int32_t(bucket.x0) - reach) * (1 << unit_bits);
     b.origin_y = (int32_t(bucket.y0) - reach) * (1 << unit_bits);
     b.num_samples = num_samples_;
@@ -70,15 +68,19 @@ class Places {
     b.first = memory.first;
     FilterTable table{};
     if (reyes.filter != ReyesFilter::Box) make_filter_table(reyes.filter, table);
+    // In the order of the paths that shade them. Until a surface is taken, u and v hold raster units.
+    const PathUnit unit{bucket.x0, bucket.y0, bucket.x1, bucket.y1, bucket.first_sample, 0};
     for (uint32_t k = 0; k < num_samples_; ++k) {
-      const uint32_t turn = k / num_pixels_, local = k - turn * num_pixels_, row = local / width_;
-      const SampleKey key =
-          sample_key(settings.seed, settings.frame_index, bucket.x0 + (local - row * width_), bucket.y0 + row,
-                     bucket.first_sample + turn);
+      const PathSample s = path_sample(unit, k);
+      const SampleKey key = sample_key(settings.seed, settings.frame_index, s.x, s.y, s.sample);
       const FilteredPlace place = place_sample(reyes.filter, table, sample_2d(key, dim_pixel));
       memory.place_x[k] = place.offset.x;
       memory.place_y[k] = place.offset.y;
       memory.weight[k] = place.weight;
+      memory.u[k] =
+          floor(place.offset.x * units_per_pixel) + float(int32_t(s.x) * (1 << unit_bits) - b.origin_x);
+      memory.v[k] =
+          floor(place.offset.y * units_per_pixel) + float(int32_t(s.y) * (1 << unit_bits) - b.origin_y);
     }
     sort();
   }
@@ -86,30 +88,15 @@ class Places {
   const SampleBlock &block() const { return block_; }
 
  private:
-  // Raster units from the block's corner.
-  void units(uint32_t k, int32_t &x, int32_t &y) const
-  {
-    const uint32_t local = k % num_pixels_;
-    const int32_t reach_x = block_.cells_x - (int32_t(width_) << (unit_bits - block_.cell_bits));
-    const int32_t margin = (reach_x << block_.cell_bits) / 2;
-    x = int32_t(floor(memory_.place_x[k] * units_per_pixel)) + int32_t((local % width_) << unit_bits) +
-        margin;
-    y = int32_t(floor(memory_.place_y[k] * units_per_pixel)) + int32_t((local / width_) << unit_bits) +
-        margin;
-  }
-
   void sort()
   {
     const uint32_t num_cells = uint32_t(block_.cells_x) * uint32_t(block_.cells_y);
-    const auto cell_of = [&](int32_t x, int32_t y) {
-      return uint32_t(y >> block_.cell_bits) * uint32_t(block_.cells_x) + uint32_t(x >> block_.cell_bits);
+    const auto cell_of = [&](uint32_t k) {
+      return (uint32_t(memory_.v[k]) >> block_.cell_bits) * uint32_t(block_.cells_x) +
+             (uint32_t(memory_.u[k]) >> block_.cell_bits);
     };
     for (uint32_t c = 0; c <= num_cells; ++c) memory_.first[c] = 0;
-    int32_t x, y;
-    for (uint32_t k = 0; k < num_samples_; ++k) {
-      units(k, x, y);
-      memory_.first[cell_of(x, y)]++;
-    }
+    for (uint32_t k = 0; k < num_samples_; ++k) memory_.first[cell_of(k)]++;
     uint32_t sum = 0;
     for (uint32_t c = 0; c <= num_cells; ++c) {
       const uint32_t count = memory_.first[c];
@@ -118,11 +105,10 @@ class Places {
     }
     // Filling moves every cell's start to its end, which is the next cell's start.
     for (uint32_t k = 0; k < num_samples_; ++k) {
-      units(k, x, y);
-      const uint32_t slot = memory_.first[cell_of(x, y)]++;
+      const uint32_t slot = memory_.first[cell_of(k)]++;
       memory_.slot[k] = slot;
-      memory_.x[slot] = float(x);
-      memory_.y[slot] = float(y);
+      memory_.x[slot] = memory_.u[k];
+      memory_.y[slot] = memory_.v[k];
       memory_.z[slot] = 0.0f;
       memory_.root[slot] = invalid_id;
     }
@@ -131,7 +117,7 @@ class Places {
   }
 
   const ReyesMemory &memory_;
-  const uint32_t width_, num_pixels_, num_samples_;
+  const uint32_t num_samples_;
   SampleBlock block_{};
 };
 
