@@ -116,8 +116,8 @@ struct WorkUnit {
 
 /// gpurt_reyes_counters, without what is reserved. Times are summed over threads.
 struct ReyesCounters {
-  uint64_t num_patches = 0, num_triangles = 0, num_splits = 0, num_culled = 0, num_grids = 0, num_micropolygons = 0,
-           num_fragments = 0, num_shaded = 0;
+  uint64_t num_patches = 0, num_triangles = 0, num_splits = 0, num_culled = 0, num_grids = 0,
+           num_micropolygons = 0, num_fragments = 0, num_shaded = 0;
   uint64_t largest_queue = 0, largest_bucket = 0, working_bytes = 0;
   double bound_seconds = 0, split_seconds = 0, dice_seconds = 0, sample_seconds = 0;
 
@@ -156,7 +156,7 @@ struct RenderPass {
   uint32_t outputs = 0;  // bits 1 << gpurt_output that the film has arrays for
   std::span<const WorkUnit> units;
   const PhotonRequest *photon =
-      nullptr;        // photon mapping: units then have one sample each; null: path tracing
+      nullptr;  // photon mapping: units then have one sample each; null: path tracing
   const ReyesSettings *reyes = nullptr;          // REYES: resolved settings; null: another pipeline
   Schedule schedule;                             // resolved
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out

@@ -7,8 +7,8 @@
 #include "frame/error_estimate.h"
 #include "frame/outputs.h"
 #include "frame/photon_settings.h"
-#include "photon_desc.h"
 #include "frame/reyes_desc.h"
+#include "photon_desc.h"
 #include "schedule_desc.h"
 
 namespace gpurt {
@@ -168,7 +168,8 @@ void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpu
   }
   if (!is_free && !(t.reyes == reyes)) {
     fail_invalid(
-        "the frame holds samples of {}; create a new frame for {}, or leave its settings zero to go on with it",
+        "the frame holds samples of {}; create a new frame for {}, or leave its settings zero to go on with "
+        "it",
         describe(t.reyes), describe(reyes));
   }
   if (pipeline == GPURT_PIPELINE_PHOTON) {

@@ -37,8 +37,8 @@ struct FrameTotals {
   gpurt_pipeline pipeline = GPURT_PIPELINE_AUTO;  // AUTO: no job has run yet
   uint32_t max_depth = 0;                         // 0: no job has run yet
   PhotonSettings
-      photon{};  // of photon mapping: photons_per_pass is not 0; a radius of 0 is still to be found
-  ReyesSettings reyes{};                          // zero for other pipelines
+      photon{};           // of photon mapping: photons_per_pass is not 0; a radius of 0 is still to be found
+  ReyesSettings reyes{};  // zero for other pipelines
   RenderCounters counters;
   uint64_t num_saturated = 0;
   double render_seconds = 0;
@@ -112,7 +112,8 @@ class Frame {
   // What jobs do.
   /// Fixes pipeline, depth and settings with the first samples; throws INVALID_ARGUMENT where a
   /// later job differs.
-  void begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpurt_photon_settings &photon, const ReyesSettings &reyes);
+  void begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpurt_photon_settings &photon,
+                     const ReyesSettings &reyes);
   /// Settings of photon mapping with a radius, which is found from the scene where it is not known yet.
   PhotonSettings photon_settings(const EmissionView &emission);
   /// What zeros of `asked` mean for this frame: what its samples were made with, or the defaults.

@@ -26,7 +26,8 @@ inline std::string describe(const ReyesSettings &s)
   static constexpr const char *filters[] = {"auto", "box", "gaussian", "mitchell"};
   static constexpr const char *shadings[] = {"auto", "samples", "micropolygons", "blocks"};
   return fmt::format("reyes with shading rate {}, filter {}, shading of {}, {} shadows", s.shading_rate,
-                     filters[uint32_t(s.filter) & 3], shadings[uint32_t(s.shading) & 3], s.no_shadows ? "no" : "with");
+                     filters[uint32_t(s.filter) & 3], shadings[uint32_t(s.shading) & 3],
+                     s.no_shadows ? "no" : "with");
 }
 
 inline gpurt_reyes_counters public_counters(const ReyesCounters &c)

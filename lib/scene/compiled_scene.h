@@ -43,9 +43,9 @@ struct CompiledScene {
   Environment environment{};
   std::vector<float> environment_rows, environment_columns;
   std::vector<CameraData> cameras;
-  std::vector<Vec3f> control_points;      // of patches, 16 each; in world space where they are placed once
-  std::vector<PatchRange> patch_ranges;   // of each segment
-  std::vector<RootRange> root_ranges;     // of REYES; the last one ends them
+  std::vector<Vec3f> control_points;     // of patches, 16 each; in world space where they are placed once
+  std::vector<PatchRange> patch_ranges;  // of each segment
+  std::vector<RootRange> root_ranges;    // of REYES; the last one ends them
   Box bounds;
   uint32_t num_tree_lights = 0;
   uint32_t num_distant_lights = 0;

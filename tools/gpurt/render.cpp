@@ -202,8 +202,9 @@ void add_render_command(CLI::App &program)
   command->add_option("scene", o->scene, "glTF 2.0 file, .glb or .gltf")->required()->type_name("SCENE");
   o->output.add_to(*command);
   command
-      ->add_option("--pipeline", o->pipeline,
-                   "auto (path), path, photon, reyes or hybrid; this version has path and, on CPUs, photon and reyes")
+      ->add_option(
+          "--pipeline", o->pipeline,
+          "auto (path), path, photon, reyes or hybrid; this version has path and, on CPUs, photon and reyes")
       ->check(CLI::IsMember({"auto", "path", "photon", "reyes", "hybrid"}))
       ->type_name("NAME")
       ->capture_default_str();
@@ -225,10 +226,11 @@ void add_render_command(CLI::App &program)
                    : "\"" + text + "\" is not a positive number";
       },
       "POSITIVE");
-  CLI::Option *samples =
-      command->add_option("--spp", o->samples, "until every pixel has this many samples (default 64, of reyes 9)")
-          ->check(CLI::Range(1u, std::numeric_limits<uint32_t>::max()))
-          ->type_name("N");
+  CLI::Option *samples = command
+                             ->add_option("--spp", o->samples,
+                                          "until every pixel has this many samples (default 64, of reyes 9)")
+                             ->check(CLI::Range(1u, std::numeric_limits<uint32_t>::max()))
+                             ->type_name("N");
   CLI::Option *error =
       command->add_option("--error", o->error, "until the frame's estimated relMSE is below this")
           ->check(positive)
@@ -242,9 +244,13 @@ void add_render_command(CLI::App &program)
   command->add_option("--tile", o->tile, "edge of a work unit in pixels; 0: automatic; changes no bits")
       ->check(CLI::Range(0, 256))
       ->capture_default_str();
-  command->add_option("--max-depth", o->max_depth, "path length: 1 is emission alone, 2 direct light; 0: 17, of reyes 2")
+  command
+      ->add_option("--max-depth", o->max_depth,
+                   "path length: 1 is emission alone, 2 direct light; 0: 17, of reyes 2")
       ->capture_default_str();
-  command->add_option("--shading-rate", o->shading_rate, "reyes: area of a micropolygon in pixels (default 0.25)")
+  command
+      ->add_option("--shading-rate", o->shading_rate,
+                   "reyes: area of a micropolygon in pixels (default 0.25)")
       ->check(CLI::Range(0.00390625, 256.0))
       ->type_name("A");
   command->add_option("--filter", o->filter, "reyes: box, gaussian or mitchell")
@@ -252,8 +258,9 @@ void add_render_command(CLI::App &program)
       ->type_name("NAME")
       ->capture_default_str();
   command
-      ->add_option("--shading", o->shading,
-                   "reyes: light at all samples, or once for all those of micropolygons or of blocks of 2 x 2")
+      ->add_option(
+          "--shading", o->shading,
+          "reyes: light at all samples, or once for all those of micropolygons or of blocks of 2 x 2")
       ->check(CLI::IsMember({"samples", "micropolygons", "blocks"}))
       ->type_name("NAME")
       ->capture_default_str();

@@ -43,8 +43,8 @@ GPURT_INLINE float project_y(float y, float inv_w, const RasterProjection &p)
 }
 
 // The parameters of a place on the rim: those of the nearest vertex of its isoline.
-GPURT_INLINE void rim_parameters(const Piece &p, uint32_t edge, uint32_t k, uint32_t k0, uint32_t bits, uint32_t at,
-                                 bool along_u, int a, int b, uint32_t &ku, uint32_t &kv)
+GPURT_INLINE void rim_parameters(const Piece &p, uint32_t edge, uint32_t k, uint32_t k0, uint32_t bits,
+                                 uint32_t at, bool along_u, int a, int b, uint32_t &ku, uint32_t &kv)
 {
   const uint32_t k1 = k0 + (1u << bits);
   const uint32_t q = nearest_vertex(k, p.edge[edge]);
@@ -141,8 +141,8 @@ GPURT_HD inline void dice_piece(const RasterPatch &patch, const Piece &p, const 
     g.x[k] = project_x(g.hx[k], inv_w, projection);
     g.y[k] = project_y(g.hy[k], inv_w, projection);
     const float limit = guard_band * g.hw[k];
-    in_front &= uint32_t(g.hw[k] >= smallest_w) & uint32_t(abs(g.hx[k]) <= limit) &
-                uint32_t(abs(g.hy[k]) <= limit);
+    in_front &=
+        uint32_t(g.hw[k] >= smallest_w) & uint32_t(abs(g.hx[k]) <= limit) & uint32_t(abs(g.hy[k]) <= limit);
   }
   g.all_in_front = in_front;
 }

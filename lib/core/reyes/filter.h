@@ -20,7 +20,7 @@ constexpr uint32_t filter_table_size = 64;
 struct FilterTable {
   float cumulative[filter_table_size + 1];
   float radius;
-  float scale;           // integral of |f| over that of f
+  float scale;  // integral of |f| over that of f
 };
 
 GPURT_FUNCTIONS_BEGIN

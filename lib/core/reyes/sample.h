@@ -20,11 +20,11 @@ namespace gpurt {
 // The samples of a rectangle of the image, sorted by square cells: those of cell c are first[c] .. first[c + 1] - 1, and
 // cells go row by row, so that a run of cells in a row is a run of samples.
 struct SampleBlock {
-  const float *x, *y;     // raster units from the block's origin: whole numbers
-  float *z;               // 1 / w of the nearest surface; 0: none
-  uint32_t *root;         // of that
-  float *u, *v;           // where on it: parameters of the patch, or weights of the triangle's 2nd and 3rd corner
-  const uint32_t *first;  // [cells_x * cells_y + 1]
+  const float *x, *y;  // raster units from the block's origin: whole numbers
+  float *z;            // 1 / w of the nearest surface; 0: none
+  uint32_t *root;      // of that
+  float *u, *v;  // where on it: parameters of the patch, or weights of the triangle's 2nd and 3rd corner
+  const uint32_t *first;       // [cells_x * cells_y + 1]
   int32_t origin_x, origin_y;  // of cell 0, in raster units of the image
   int32_t cell_bits;           // log2 of a cell's edge in raster units
   int32_t cells_x, cells_y;
@@ -33,8 +33,9 @@ struct SampleBlock {
 
 // A corner with what is interpolated.
 struct RasterVertex {
-  float x, y;  // raster units from the image's top left corner: whole numbers; of no meaning if not projectable
-  float z;     // 1 / w
+  float x,
+      y;    // raster units from the image's top left corner: whole numbers; of no meaning if not projectable
+  float z;  // 1 / w
   float u, v;
   RasterPoint h;
   bool is_projectable;
@@ -62,7 +63,13 @@ GPURT_FUNCTIONS_BEGIN
 GPURT_INLINE RasterVertex raster_vertex(RasterPoint p, float u, float v, const RasterProjection &projection)
 {
   const float inv_w = 1.0f / p.w;
-  return {project_x(p.x, inv_w, projection), project_y(p.y, inv_w, projection), inv_w, u, v, p, is_projectable(p)};
+  return {project_x(p.x, inv_w, projection),
+          project_y(p.y, inv_w, projection),
+          inv_w,
+          u,
+          v,
+          p,
+          is_projectable(p)};
 }
 
 // Points where this exceeds edge_threshold are inside of the edge a b.
@@ -128,8 +135,8 @@ GPURT_INLINE double edge_value(const EdgeForm &e, double px, double py)
 }
 
 struct AnyCover {
-  EdgeForm edge[3];   // opposite to the corners
-  double scale[3];    // what edge functions add to 1 / w
+  EdgeForm edge[3];    // opposite to the corners
+  double scale[3];     // what edge functions add to 1 / w
   bool takes_edge[3];  // whether points on the edge belong to the triangle
   double sign;         // of the inside
 };
@@ -150,8 +157,10 @@ GPURT_HD inline bool make_any_cover(const RasterVertex *const (&corner)[3], floa
       z[i] = double(v.z);
     } else {
       t.w[i] = double(v.h.w);
-      t.x[i] = double(v.h.x) * double(units_per_pixel) + (double(projection.centre_x) - double(origin_x)) * t.w[i];
-      t.y[i] = double(v.h.y) * double(units_per_pixel) + (double(projection.centre_y) - double(origin_y)) * t.w[i];
+      t.x[i] =
+          double(v.h.x) * double(units_per_pixel) + (double(projection.centre_x) - double(origin_x)) * t.w[i];
+      t.y[i] =
+          double(v.h.y) * double(units_per_pixel) + (double(projection.centre_y) - double(origin_y)) * t.w[i];
       z[i] = 1.0;
     }
   }
@@ -171,7 +180,8 @@ GPURT_HD inline bool make_any_cover(const RasterVertex *const (&corner)[3], floa
 // As `cover` for small triangles.
 GPURT_INLINE float cover_any(const AnyCover &t, float px, float py, float &share_b, float &share_c)
 {
-  const double ea = edge_value(t.edge[0], double(px), double(py)), eb = edge_value(t.edge[1], double(px), double(py)),
+  const double ea = edge_value(t.edge[0], double(px), double(py)),
+               eb = edge_value(t.edge[1], double(px), double(py)),
                ec = edge_value(t.edge[2], double(px), double(py));
   const double b = eb * t.scale[1], c = ec * t.scale[2];
   share_b = float(b);
@@ -184,8 +194,8 @@ GPURT_INLINE float cover_any(const AnyCover &t, float px, float py, float &share
 }
 
 // What a covered sample of a triangle sees: (u, v) interpolated in perspective.
-GPURT_INLINE Vec2f cover_uv(const RasterVertex &a, const RasterVertex &b, const RasterVertex &c, float z, float share_b,
-                            float share_c)
+GPURT_INLINE Vec2f cover_uv(const RasterVertex &a, const RasterVertex &b, const RasterVertex &c, float z,
+                            float share_b, float share_c)
 {
   const float wb = share_b / z, wc = share_c / z, wa = 1.0f - wb - wc;
   return {fma(wa, a.u, fma(wb, b.u, wc * c.u)), fma(wa, a.v, fma(wb, b.v, wc * c.v))};
@@ -196,10 +206,12 @@ struct CellRange {
 };
 
 // The cells that a box in raster units of the image touches; false: none.
-GPURT_INLINE bool cells_of_box(const SampleBlock &block, float x0, float y0, float x1, float y1, CellRange &cells)
+GPURT_INLINE bool cells_of_box(const SampleBlock &block, float x0, float y0, float x1, float y1,
+                               CellRange &cells)
 {
   const float ox = float(block.origin_x), oy = float(block.origin_y);
-  const float size_x = float(block.cells_x << block.cell_bits), size_y = float(block.cells_y << block.cell_bits);
+  const float size_x = float(block.cells_x << block.cell_bits),
+              size_y = float(block.cells_y << block.cell_bits);
   const float lx = x0 - ox, hx = x1 - ox, ly = y0 - oy, hy = y1 - oy;
   if (!(lx < size_x && hx >= 0.0f && ly < size_y && hy >= 0.0f)) return false;
   cells.x0 = int32_t(max(lx, 0.0f)) >> block.cell_bits;

@@ -14,7 +14,7 @@ struct RasterPoint {
 
 struct RasterProjection {
   Vec3f eye;
-  Vec3f row[3];  // of x, y and w
+  Vec3f row[3];              // of x, y and w
   float centre_x, centre_y;  // of the image, in raster units
 };
 

@@ -21,8 +21,8 @@ uint64_t num_roots(const ReyesScene &scene)
 
 // Calls visit(root, cell) for every cell that a root may be seen in.
 template <class Visit>
-void RootBuckets::for_each_cell(const ReyesScene &scene, const ReyesKernels &kernels, const Camera &camera, int reach,
-                                const Visit &visit) const
+void RootBuckets::for_each_cell(const ReyesScene &scene, const ReyesKernels &kernels, const Camera &camera,
+                                int reach, const Visit &visit) const
 {
   const uint64_t n = num_roots(scene);
   tbb::parallel_for(tbb::blocked_range<uint64_t>(0, (n + roots_per_block - 1) / roots_per_block),
@@ -48,8 +48,8 @@ void RootBuckets::for_each_cell(const ReyesScene &scene, const ReyesKernels &ker
                     });
 }
 
-RootBuckets::RootBuckets(const ReyesScene &scene, const ReyesKernels &kernels, const Camera &camera, uint32_t cell_edge,
-                         int reach, uint64_t budget_bytes)
+RootBuckets::RootBuckets(const ReyesScene &scene, const ReyesKernels &kernels, const Camera &camera,
+                         uint32_t cell_edge, int reach, uint64_t budget_bytes)
     : cell_edge_(cell_edge)
 {
   std::vector<std::atomic<uint64_t>> counts;
@@ -58,9 +58,8 @@ RootBuckets::RootBuckets(const ReyesScene &scene, const ReyesKernels &kernels, c
     cells_y_ = (camera.height + cell_edge_ - 1) / cell_edge_;
     const uint64_t num_cells = uint64_t(cells_x_) * cells_y_;
     counts = std::vector<std::atomic<uint64_t>>(num_cells);
-    for_each_cell(scene, kernels, camera, reach, [&](uint32_t, uint64_t cell) {
-      counts[cell].fetch_add(1, std::memory_order_relaxed);
-    });
+    for_each_cell(scene, kernels, camera, reach,
+                  [&](uint32_t, uint64_t cell) { counts[cell].fetch_add(1, std::memory_order_relaxed); });
     uint64_t total = 0;
     for (const auto &c : counts) total += c;
     if (total * sizeof(uint32_t) + num_cells * 2 * sizeof(uint64_t) <= budget_bytes) break;

@@ -13,8 +13,8 @@ class RootBuckets {
  public:
   /// Lists take at most `budget_bytes`: cells are made larger until they fit; if even one for the whole image does not,
   /// there are no lists, and every bucket looks at all roots. `reach`: pixels around a cell that its samples may lie in.
-  RootBuckets(const ReyesScene &scene, const ReyesKernels &kernels, const Camera &camera, uint32_t cell_edge, int reach,
-              uint64_t budget_bytes);
+  RootBuckets(const ReyesScene &scene, const ReyesKernels &kernels, const Camera &camera, uint32_t cell_edge,
+              int reach, uint64_t budget_bytes);
 
   /// The roots of the cell that a bucket lies in. Null where there are no lists.
   std::span<const uint32_t> roots_of(uint32_t x, uint32_t y) const;

@@ -58,8 +58,17 @@ class Scratch {
   ReyesMemory memory()
   {
     const auto array = [&](int i) { return floats_.data() + i * num_samples_; };
-    return {array(0), array(1), array(2), array(3),     array(4),
-            array(5), array(6), array(7), ids_.data(), ids_.data() + num_samples_, ids_.data() + 2 * num_samples_};
+    return {array(0),
+            array(1),
+            array(2),
+            array(3),
+            array(4),
+            array(5),
+            array(6),
+            array(7),
+            ids_.data(),
+            ids_.data() + num_samples_,
+            ids_.data() + 2 * num_samples_};
   }
   PathWave wave()
   {
@@ -126,13 +135,14 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
   const Camera &camera = pass.settings.camera;
   const uint64_t num_roots = scene.num_ranges == 0 ? 0 : scene.ranges[scene.num_ranges].first_root;
   if (num_roots > max_roots) {
-    fail_invalid("the scene has {} patches and triangles through its instances; REYES takes at most {}", num_roots,
-                 max_roots);
+    fail_invalid("the scene has {} patches and triangles through its instances; REYES takes at most {}",
+                 num_roots, max_roots);
   }
   uint64_t most_samples = 1, film_bytes = 0;
   for (const WorkUnit &u : pass.units) {
     most_samples = std::max(most_samples, u.num_samples);
-    film_bytes = std::max(film_bytes, TileFilm::bytes_for(uint64_t(u.x1 - u.x0) * (u.y1 - u.y0), pass.outputs));
+    film_bytes =
+        std::max(film_bytes, TileFilm::bytes_for(uint64_t(u.x1 - u.x0) * (u.y1 - u.y0), pass.outputs));
   }
   const uint32_t edge = bucket_edge_for(most_samples);
   const uint64_t num_samples = uint64_t(edge) * edge * most_samples, num_cells = largest_cells(edge);

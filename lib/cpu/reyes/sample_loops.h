@@ -78,7 +78,8 @@ class BlockSampler {
   RasterRect rect() const
   {
     const float scale = 1.0f / units_per_pixel;
-    const float x0 = (origin_x_ - projection_.centre_x) * scale, y0 = (origin_y_ - projection_.centre_y) * scale;
+    const float x0 = (origin_x_ - projection_.centre_x) * scale,
+                y0 = (origin_y_ - projection_.centre_y) * scale;
     const float size_x = float(block_.cells_x << block_.cell_bits) * scale;
     const float size_y = float(block_.cells_y << block_.cell_bits) * scale;
     return {x0 - 1.0f, y0 - 1.0f, x0 + size_x + 1.0f, y0 + size_y + 1.0f};
@@ -113,7 +114,8 @@ class BlockSampler {
   }
 
   // Both triangles of a micropolygon, a b c and a c d, at a time.
-  void sample_small_quad(const Grid &g, uint32_t a, uint32_t b, uint32_t c, uint32_t d, const CellRange &cells)
+  void sample_small_quad(const Grid &g, uint32_t a, uint32_t b, uint32_t c, uint32_t d,
+                         const CellRange &cells)
   {
     const float ax = g.x[a] - origin_x_, ay = g.y[a] - origin_y_, bx = g.x[b] - origin_x_,
                 by = g.y[b] - origin_y_, cx = g.x[c] - origin_x_, cy = g.y[c] - origin_y_,
