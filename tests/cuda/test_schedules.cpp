@@ -385,7 +385,7 @@ TEST(CudaSchedules, PoolsRefillInLittleMemory)
   o.width = o.height = 256;
   o.spp = uint32_t(amount(16, 4));
   std::vector<std::vector<OutputBits>> pictures;
-  for (const uint64_t limit : {uint64_t(0), uint64_t(32) << 20}) {
+  for (const uint64_t limit : {uint64_t(0), uint64_t(64) << 20}) {
     const Device device = make_device(GPURT_DEVICE_CUDA, 0, limit);
     const Scene scene = make_scene(device, fill_cornell_box);
     const Frame frame = make_frame(scene, o, all_outputs);

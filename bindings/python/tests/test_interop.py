@@ -109,10 +109,11 @@ class Spy:
         self.core, self.calls = scene._core, []
         monkeypatch.setattr(scene, "_core", self)
 
-    def trace_memory(self, query, format, in_device_memory, num_rays, rays, hits, hit_capacity, occluded, offsets, stream):
+    def trace_memory(self, query, format, in_device_memory, num_rays, rays, hits, hit_capacity, occluded, offsets, stream,
+                     *hints):
         self.calls.append({"gpu": in_device_memory, "rays": rays, "hits": hits, "occluded": occluded, "stream": stream})
         self.core.trace_memory(query, format, in_device_memory, num_rays, rays, hits, hit_capacity, occluded, offsets,
-                               stream)
+                               stream, *hints)
 
     def __getattr__(self, name):
         return getattr(self.core, name)

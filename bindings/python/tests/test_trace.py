@@ -123,6 +123,15 @@ def test_long_batches_are_cut(ball, rays, monkeypatch):
         assert (a == b).all()
 
 
+def test_hints_change_no_bits(ball, rays):
+    expected, occluded = ball.trace(rays), ball.trace(rays, query="any")
+    for coherence in ("auto", "coherent", "incoherent"):
+        assert (ball.trace(rays.reshape(50, 20, 8), coherence=coherence).reshape(-1) == expected).all()
+        assert (ball.trace(rays, query="any", coherence=coherence) == occluded).all()
+    with pytest.raises(gpurt.InvalidArgument, match="coherence"):
+        ball.trace(rays, coherence="sorted")
+
+
 def test_rays_that_miss_by_definition(ball):
     nan, inf = np.nan, np.inf
     odd = np.array([

@@ -7,11 +7,13 @@ namespace gpurt_python {
 namespace {
 
 void trace(const Scene &scene, int query, int format, const py::array &rays, const py::object &hits,
-           const py::object &occluded, const py::object &offsets)
+           const py::object &occluded, const py::object &offsets, int coherence, uint32_t image_width)
 {
   gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
   desc.query = static_cast<gpurt_query>(query);
   desc.format = static_cast<gpurt_hit_format>(format);
+  desc.coherence = static_cast<gpurt_coherence>(coherence);
+  desc.image_width = image_width;
   desc.num_rays = static_cast<uint64_t>(rays.nbytes()) / sizeof(gpurt_ray);
   desc.rays = static_cast<const gpurt_ray *>(packed_data(rays, desc.num_rays * sizeof(gpurt_ray), "rays"));
   const uint64_t hit_bytes = desc.format == GPURT_HIT_FULL ? sizeof(gpurt_hit) : sizeof(gpurt_hit_compact);
@@ -30,11 +32,13 @@ void trace(const Scene &scene, int query, int format, const py::array &rays, con
 // is queued there and not waited for.
 void trace_memory(const Scene &scene, int query, int format, bool in_device_memory, uint64_t num_rays,
                   std::uintptr_t rays, std::uintptr_t hits, uint64_t hit_capacity, std::uintptr_t occluded,
-                  std::uintptr_t offsets, const py::object &stream)
+                  std::uintptr_t offsets, const py::object &stream, int coherence, uint32_t image_width)
 {
   gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
   desc.query = static_cast<gpurt_query>(query);
   desc.format = static_cast<gpurt_hit_format>(format);
+  desc.coherence = static_cast<gpurt_coherence>(coherence);
+  desc.image_width = image_width;
   desc.storage = in_device_memory ? GPURT_STORAGE_DEVICE : GPURT_STORAGE_HOST;
   desc.num_rays = num_rays;
   desc.rays = reinterpret_cast<const gpurt_ray *>(rays);
@@ -55,10 +59,11 @@ void trace_memory(const Scene &scene, int query, int format, bool in_device_memo
 void bind_trace(py::class_<Scene> &scene)
 {
   scene.def("trace", trace, py::arg("query"), py::arg("format"), py::arg("rays"), py::arg("hits"),
-            py::arg("occluded"), py::arg("offsets"));
+            py::arg("occluded"), py::arg("offsets"), py::arg("coherence"), py::arg("image_width"));
   scene.def("trace_memory", trace_memory, py::arg("query"), py::arg("format"), py::arg("in_device_memory"),
             py::arg("num_rays"), py::arg("rays"), py::arg("hits"), py::arg("hit_capacity"),
-            py::arg("occluded"), py::arg("offsets"), py::arg("stream"));
+            py::arg("occluded"), py::arg("offsets"), py::arg("stream"), py::arg("coherence"),
+            py::arg("image_width"));
 }
 
 }  // namespace gpurt_python

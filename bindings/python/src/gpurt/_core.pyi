@@ -118,6 +118,8 @@ class Scene:
         hits: Optional[Array],
         occluded: Optional[Array],
         offsets: Optional[Array],
+        coherence: int,
+        image_width: int,
     ) -> None: ...
     def trace_memory(
         self,
@@ -131,6 +133,8 @@ class Scene:
         occluded: int,
         offsets: int,
         stream: Optional[int],
+        coherence: int,
+        image_width: int,
     ) -> None: ...
 
 class PhotonMap:

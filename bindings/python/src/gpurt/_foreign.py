@@ -16,8 +16,8 @@ from gpurt._arrays import HOST_DEVICES, Array, float_rows, index_rows, shape_tex
 from gpurt._libraries import Library, library_of
 from gpurt._memory import (DEFAULT_STREAM, ON_GPU, DeviceArray, View, device_of, has_dlpack, numpy_view, place_text,
                            view)
-from gpurt._names import HIT_FORMAT, QUERY
-from gpurt._trace import check_rays, slices
+from gpurt._names import COHERENCE, HIT_FORMAT, QUERY
+from gpurt._trace import check_rays, image_width, slices
 from gpurt.device import Device
 from gpurt.errors import InvalidArgument
 from gpurt.hits import Hits
@@ -59,7 +59,8 @@ def _ready_view(device: Device, value: Any, name: str, stream: Optional[int]) ->
 class _Query:
     """One call of Scene.trace with rays of a library."""
 
-    def __init__(self, device: Device, scene: _core.Scene, library: Library, rays: Any, query: str, format: str) -> None:
+    def __init__(self, device: Device, scene: _core.Scene, library: Library, rays: Any, query: str, format: str,
+                 coherence: str) -> None:
         self.device, self.scene, self.library, self.like = device, scene, library, rays
         self.kind, self.format = QUERY.value(query), HIT_FORMAT.value(format)
         self.width = (8, 4)[self.format]
@@ -70,6 +71,7 @@ class _Query:
         self.rays = self._device_rays() if self.on_gpu else numpy_view(check_rays(rays), "rays")
         self.shape = self.rays.shape[:-1]
         self.num_rays = self.rays.size // 8
+        self.hints = (COHERENCE.value(coherence), image_width(self.rays.shape))
 
     def _device_rays(self) -> View:
         rays = _ready_view(self.device, self.like, "rays", self.stream)
@@ -98,12 +100,13 @@ class _Query:
         """Closest or any hits, at these addresses."""
         if self.on_gpu:
             self.scene.trace_memory(self.kind, self.format, True, self.num_rays, self.rays.data, hits, 0, occluded, 0,
-                                    self.stream)
+                                    self.stream, *self.hints)
             return
         for part in slices(self.num_rays):
             first = part.start
             self.scene.trace_memory(self.kind, self.format, False, part.stop - first, self.rays.data + 32 * first,
-                                    hits and hits + 4 * self.width * first, 0, occluded and occluded + first, 0, None)
+                                    hits and hits + 4 * self.width * first, 0, occluded and occluded + first, 0, None,
+                                    *self.hints)
 
     def finish(self, array: Any) -> Any:
         if self.on_gpu and isinstance(array, DeviceArray):
@@ -127,18 +130,18 @@ class _Query:
         offsets = self.empty((n + 1,), dtype)
         place = self.target(offsets, "offsets", (n + 1,), dtype)
         arguments = (self.kind, self.format, self.on_gpu, n, self.rays.data)
-        self.scene.trace_memory(*arguments, 0, 0, 0, place.data, None)
+        self.scene.trace_memory(*arguments, 0, 0, 0, place.data, None, 0, 0)
         total = self.library.last(offsets)
         hits = self.empty((total, self.width), "float32")
         if total != 0:
             target = self.target(hits, "hits", (total, self.width), "float32")
-            self.scene.trace_memory(*arguments, target.data, total, 0, place.data, None)
+            self.scene.trace_memory(*arguments, target.data, total, 0, place.data, None, 0, 0)
         return Hits(self.library, self.library.finish(hits)), self.library.finish(offsets)
 
 
 def trace_foreign(device: Device, scene: _core.Scene, library: Library, rays: Any, query: str, format: str,
-                  out: Any) -> Any:
-    batch = _Query(device, scene, library, rays, query, format)
+                  out: Any, coherence: str) -> Any:
+    batch = _Query(device, scene, library, rays, query, format, coherence)
     if query == "all":
         if out is not None:
             raise InvalidArgument("out: not with query='all', whose number of hits is found while tracing")

@@ -38,6 +38,7 @@ QUERY = Names("query", "closest", "any", "all")
 PHOTON_QUERY = Names("query", "count", "sum", "list", "nearest")
 GATHER_KERNEL = Names("kernel", "constant", "cone", "quadratic")
 GATHER_METHOD = Names("method", "grid", "node_lists")
+COHERENCE = Names("coherence", "auto", "coherent", "incoherent")
 HIT_FORMAT = Names("format", "full", "compact")
 OUTPUT = Names("outputs", "color", "alpha", "depth", "normal", "albedo", "position", "primitive", "instance",
                "sample_count", "variance", "time")

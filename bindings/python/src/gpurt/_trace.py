@@ -11,7 +11,7 @@ import numpy.typing as npt
 from gpurt import _core
 from gpurt._arrays import Array, FloatArray, as_array, shape_text, to_float32
 from gpurt._libraries import Library, library_of
-from gpurt._names import HIT_FORMAT, QUERY
+from gpurt._names import COHERENCE, HIT_FORMAT, QUERY
 from gpurt.errors import InvalidArgument
 
 #: A hit: t (the ray's tmax for a miss), barycentric weights u, v of the second and third corner, and the ids of
@@ -91,12 +91,18 @@ def check_out(out: Any, shape: Tuple[int, ...], dtype: "np.dtype[Any]") -> Array
     return out
 
 
-def trace(scene: _core.Scene, rays_given: Any, query: str, format: str,
-          out: Optional[Array]) -> Union[Array, Tuple[Array, npt.NDArray[np.uint64]]]:
+def image_width(shape: Tuple[int, ...]) -> int:
+    """Rays [height][width][8] are an image's."""
+    return shape[-2] if len(shape) == 3 and 0 < shape[-2] < 1 << 32 else 0
+
+
+def trace(scene: _core.Scene, rays_given: Any, query: str, format: str, out: Optional[Array],
+          coherence: str) -> Union[Array, Tuple[Array, npt.NDArray[np.uint64]]]:
     kind, hit_format = QUERY.value(query), HIT_FORMAT.value(format)
     dtype = (hit_dtype, hit_compact_dtype)[hit_format]
     rays_shaped = check_rays(rays_given)
     shape = rays_shaped.shape[:-1]
+    hints = (COHERENCE.value(coherence), image_width(rays_shaped.shape))
     rays = rays_shaped.reshape(-1, 8)
     if query == "all":
         if out is not None:
@@ -106,12 +112,12 @@ def trace(scene: _core.Scene, rays_given: Any, query: str, format: str,
         occluded = np.empty(shape, np.bool_) if out is None else check_out(out, shape, np.dtype(np.bool_))
         flags = occluded.reshape(-1).view(np.uint8)
         for part in slices(len(rays)):
-            scene.trace(kind, hit_format, rays[part], None, flags[part], None)
+            scene.trace(kind, hit_format, rays[part], None, flags[part], None, *hints)
         return occluded
     hits = np.empty(shape, dtype) if out is None else check_out(out, shape, dtype)
     flat = hits.reshape(-1)
     for part in slices(len(rays)):
-        scene.trace(kind, hit_format, rays[part], flat[part], None, None)
+        scene.trace(kind, hit_format, rays[part], flat[part], None, None, *hints)
     return hits
 
 
@@ -123,10 +129,11 @@ def trace_all(scene: _core.Scene, rays: FloatArray, hit_format: int,
     scratch = np.empty(min(len(rays), RAYS_PER_CALL) + 1, np.uint64)
     for part in slices(len(rays)):
         counted = scratch[:part.stop - part.start + 1]
-        scene.trace(kind, hit_format, rays[part], None, None, counted)
+        scene.trace(kind, hit_format, rays[part], None, None, counted, 0, 0)
         offsets[part.start + 1:part.stop + 1] = counted[1:] + offsets[part.start]
     hits = np.empty(int(offsets[-1]), dtype)
     for part in slices(len(rays)):
         found = hits[int(offsets[part.start]):int(offsets[part.stop])]
-        scene.trace(kind, hit_format, rays[part], found, None, scratch[:part.stop - part.start + 1])
+        scene.trace(kind, hit_format, rays[part], found, None, scratch[:part.stop - part.start + 1],
+                    0, 0)
     return hits, offsets

@@ -400,16 +400,16 @@ class Scene:
     @overload
     def trace(self, rays: Any = None, *, origins: Any = None, directions: Any = None, tmin: Any = None,
               tmax: Any = None, query: Literal["closest", "any"] = "closest", format: str = "full",
-              out: Any = None) -> Any: ...
+              out: Any = None, coherence: str = "auto") -> Any: ...
 
     @overload
     def trace(self, rays: Any = None, *, origins: Any = None, directions: Any = None, tmin: Any = None,
               tmax: Any = None, query: Literal["all"], format: str = "full",
-              out: None = None) -> Tuple[Any, Any]: ...
+              out: None = None, coherence: str = "auto") -> Tuple[Any, Any]: ...
 
     def trace(self, rays: Any = None, *, origins: Any = None, directions: Any = None, tmin: Any = None,
               tmax: Any = None, query: str = "closest", format: str = "full",
-              out: Any = None) -> Any:
+              out: Any = None, coherence: str = "auto") -> Any:
         """Traces a batch of rays on all threads of the device.
 
         :param rays: float32 [...][8] = ox oy oz tmin dx dy dz tmax. Read where they lie if C-contiguous float32, which
@@ -421,6 +421,9 @@ class Scene:
             "all": every crossing, sorted by (t, instance, primitive); the rays are traced twice, first to count.
         :param format: "full" (hit_dtype, 32 bytes) or "compact" (hit_compact_dtype, 16 bytes).
         :param out: C-contiguous array of the result's shape and type to write to, for "closest" and "any".
+        :param coherence: whether neighbours among the rays go nearly the same way: "coherent", "incoherent", or "auto",
+            which looks at some of them. It chooses kernels of a GPU and changes no bits. Coherent rays of shape
+            [height][width][8] go by tiles of the image.
 
         Returns for "closest" an array of hits and for "any" of bool, shaped [...] as the rays; for "all" (hits,
         offsets): ray i, of the rays in order, has hits[offsets[i]:offsets[i + 1]].
@@ -446,8 +449,8 @@ class Scene:
         library = library_of(rays)
         with self.device._log_errors():
             if library is not None:
-                return trace_foreign(self.device, self._core, library, rays, query, format, out)
-            return trace(self._core, rays, query, format, out)
+                return trace_foreign(self.device, self._core, library, rays, query, format, out, coherence)
+            return trace(self._core, rays, query, format, out, coherence)
 
     # ---- rendering ----
 
