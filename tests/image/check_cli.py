@@ -90,7 +90,7 @@ def case_failures():
     refused(1, "absent.glb", "render", "absent.glb", "-o", "a.png", *CPU)
     refused(1, "no/such/folder", "render", cornell, "-o", "no/such/folder/a.png")
     refused(1, "--pipeline hybrid is not supported", "render", cornell, "-o", "a.png", "--pipeline", "hybrid", *CPU)
-    refused(1, "max_depth is 5", "render", cornell, "-o", "a.png", "--pipeline", "reyes", "--max-depth", "5", *CPU)
+    refused(1, "--max-depth is 5", "render", cornell, "-o", "a.png", "--pipeline", "reyes", "--max-depth", "5", *CPU)
     refused(1, "use --accel kdtree", "render", cornell, "-o", "a.png", "--accel", "embree", "--triangle-test", "double",
             *CPU)
     refused(1, "gpurt devices", "render", cornell, "-o", "a.png", "--device", "cuda:99")
