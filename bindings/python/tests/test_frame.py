@@ -238,7 +238,7 @@ def test_a_dropped_job_is_cancelled(box):
     del job
     start = time.perf_counter()
     with pytest.raises(gpurt.Error):
-        frame.submit(pipeline="reyes")
+        frame.submit(pipeline="hybrid")
     frame.submit(spp=1, tiles=[(0, 0, 1, 1)]).wait()
     assert time.perf_counter() - start < 5
 

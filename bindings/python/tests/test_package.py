@@ -149,7 +149,7 @@ def test_errors_do_not_leak_the_frame_that_failed(device):
     scene = make_box(device)
     gone = weakref.ref(scene)
     with pytest.raises(gpurt.Unsupported):
-        scene.render("reyes")
+        scene.render("hybrid")
     del scene
     gc.collect()
     assert gone() is None

@@ -128,7 +128,7 @@ c_enum! {
         Path = GPURT_PIPELINE_PATH,
         /// Photon mapping. This version of the library has it on CPU devices.
         Photon = GPURT_PIPELINE_PHOTON,
-        /// Micropolygons. This version of the library does not support it.
+        /// Micropolygons. This version of the library has it on CPU devices.
         Reyes = GPURT_PIPELINE_REYES,
         /// Micropolygons and rays. This version of the library does not support it.
         Hybrid = GPURT_PIPELINE_HYBRID,

@@ -66,7 +66,7 @@ fn unsupported() {
         &[],
     );
     let frame = Frame::new(&scene, &FrameDesc::new(4, 4)).unwrap();
-    expect_error(frame.submit(&RenderDesc::new().pipeline(Pipeline::Reyes)), Error::Unsupported, &["reyes"]);
+    expect_error(frame.submit(&RenderDesc::new().pipeline(Pipeline::Hybrid)), Error::Unsupported, &["hybrid"]);
 }
 
 #[test]
