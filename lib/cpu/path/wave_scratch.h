@@ -14,34 +14,35 @@ constexpr uint32_t wave_capacity = 2048;
 // One thread's memory for a wave and for the film of its unit.
 class WaveScratch {
  public:
-  WaveScratch()
-      : paths_(wave_capacity),
-        hits_(wave_capacity),
-        rays_(wave_capacity),
-        next_rays_(wave_capacity),
-        shadow_slots_(wave_capacity),
-        shadow_rays_(wave_capacity),
-        ids_(4 * size_t(wave_capacity)),
-        contributions_(2 * size_t(wave_capacity)),
-        occluded_(wave_capacity)
+  explicit WaveScratch(uint32_t capacity = wave_capacity)
+      : paths_(capacity),
+        hits_(capacity),
+        rays_(capacity),
+        next_rays_(capacity),
+        shadow_slots_(capacity),
+        shadow_rays_(capacity),
+        ids_(4 * size_t(capacity)),
+        contributions_(2 * size_t(capacity)),
+        occluded_(capacity)
   {}
 
   PathWave wave()
   {
+    const size_t capacity = paths_.size();
     uint32_t *ids = ids_.data();
     Vec3f *contributions = contributions_.data();
     return {paths_.data(),
             {rays_.data(), ids},
             hits_.data(),
-            {next_rays_.data(), ids + wave_capacity},
-            {shadow_slots_.data(), ids + 2 * wave_capacity, contributions},
-            {shadow_rays_.data(), ids + 3 * wave_capacity, contributions + wave_capacity},
+            {next_rays_.data(), ids + capacity},
+            {shadow_slots_.data(), ids + 2 * capacity, contributions},
+            {shadow_rays_.data(), ids + 3 * capacity, contributions + capacity},
             occluded_.data()};
   }
 
-  static constexpr uint64_t bytes()
+  static constexpr uint64_t bytes(uint32_t capacity = wave_capacity)
   {
-    return uint64_t(wave_capacity) *
+    return uint64_t(capacity) *
            (sizeof(PathState) + sizeof(Hit) + 4 * (sizeof(Ray) + sizeof(uint32_t)) + 2 * sizeof(Vec3f) + 1);
   }
 

@@ -3,21 +3,15 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
-#include <chrono>
 #include <cstring>
 #include <map>
 
-#include "core/path/path_pipeline.h"
+#include "cpu/path/render_counters.h"
 #include "cpu/path/wave_scratch.h"
 #include "cpu/photon/photon_store.h"
 
 namespace gpurt {
 namespace {
-
-double steady_seconds()
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 // One thread's memory for eye paths, the film of their unit and what they gather.
 struct EyeScratch {
@@ -42,17 +36,7 @@ uint64_t largest_area(std::span<const WorkUnit> units)
 
 RenderCounters counters_from(const PhotonKernelCounters &kernel, uint64_t num_samples)
 {
-  RenderCounters c;
-  c.num_samples = num_samples;
-  c.num_camera_rays = kernel.path.num_camera_rays;
-  c.num_bounce_rays = kernel.path.num_bounce_rays;
-  c.num_shadow_rays = kernel.path.num_shadow_rays;
-  c.generate_seconds = kernel.path.stage_seconds[uint32_t(PathStage::Generate)];
-  c.trace_seconds = kernel.path.stage_seconds[uint32_t(PathStage::Trace)];
-  c.shade_seconds = kernel.path.stage_seconds[uint32_t(PathStage::Shade)];
-  c.shadow_seconds = kernel.path.stage_seconds[uint32_t(PathStage::Shadow)];
-  c.film_seconds = kernel.path.stage_seconds[uint32_t(PathStage::Film)];
-  c.largest_sample = kernel.path.largest_sample;
+  RenderCounters c = counters_from(kernel.path, num_samples);
   c.photon.num_gathered = kernel.num_gathered;
   c.photon.num_visible = kernel.num_visible;
   c.photon.gather_seconds = kernel.gather_seconds;

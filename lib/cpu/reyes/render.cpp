@@ -3,27 +3,22 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
-#include <chrono>
 #include <cstring>
 
-#include "core/path/path_pipeline.h"
 #include "core/reyes/filter.h"
+#include "cpu/path/render_counters.h"
+#include "cpu/path/wave_scratch.h"
 #include "cpu/reyes/buckets.h"
 
 namespace gpurt {
 namespace {
 
 // Paths that are shaded together.
-constexpr uint32_t wave_capacity = 1024;
+constexpr uint32_t shaded_paths = 1024;
 // Samples of a bucket at most: they are looked at again and again, and stay in a core's cache.
 constexpr uint64_t bucket_samples = 1u << 14;
 // Without a limit of the device, lists of roots may take this much.
 constexpr uint64_t default_list_bytes = uint64_t(1) << 30;
-
-double steady_seconds()
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 // The edge of the largest bucket of a power of two that holds this many samples a pixel.
 uint32_t bucket_edge_for(uint64_t samples_per_pixel)
@@ -40,19 +35,13 @@ class Scratch {
       : floats_(8 * num_samples),
         ids_(2 * num_samples + num_cells + 1),
         num_samples_(num_samples),
-        paths_(wave_capacity),
-        hits_(wave_capacity),
-        rays_(4 * size_t(wave_capacity)),
-        path_ids_(4 * size_t(wave_capacity)),
-        contributions_(2 * size_t(wave_capacity)),
-        occluded_(wave_capacity)
+        wave_(shaded_paths)
   {}
 
   static uint64_t bytes(uint64_t num_samples, uint64_t num_cells)
   {
     return num_samples * (8 * sizeof(float) + 2 * sizeof(uint32_t)) + (num_cells + 1) * sizeof(uint32_t) +
-           uint64_t(wave_capacity) * (sizeof(PathState) + sizeof(Hit) + 4 * (sizeof(Ray) + sizeof(uint32_t)) +
-                                      2 * sizeof(Vec3f) + 1);
+           WaveScratch::bytes(shaded_paths);
   }
 
   ReyesMemory memory()
@@ -70,18 +59,7 @@ class Scratch {
             ids_.data() + num_samples_,
             ids_.data() + 2 * num_samples_};
   }
-  PathWave wave()
-  {
-    const auto rays = [&](int i) { return rays_.data() + i * wave_capacity; };
-    const auto ids = [&](int i) { return path_ids_.data() + i * wave_capacity; };
-    return {paths_.data(),
-            {rays(0), ids(0)},
-            hits_.data(),
-            {rays(1), ids(1)},
-            {rays(2), ids(2), contributions_.data()},
-            {rays(3), ids(3), contributions_.data() + wave_capacity},
-            occluded_.data()};
-  }
+  PathWave wave() { return wave_.wave(); }
 
   TileFilm film, bucket_film;
 
@@ -89,26 +67,12 @@ class Scratch {
   std::vector<float> floats_;
   std::vector<uint32_t> ids_;
   uint64_t num_samples_;
-  std::vector<PathState> paths_;
-  std::vector<Hit> hits_;
-  std::vector<Ray> rays_;
-  std::vector<uint32_t> path_ids_;
-  std::vector<Vec3f> contributions_;
-  std::vector<uint8_t> occluded_;
+  WaveScratch wave_;
 };
 
 RenderCounters counters_from(const ReyesKernelCounters &k, uint64_t num_samples)
 {
-  RenderCounters c;
-  c.num_samples = num_samples;
-  c.num_bounce_rays = k.num_bounce_rays;
-  c.num_shadow_rays = k.num_shadow_rays;
-  c.generate_seconds = k.stage_seconds[uint32_t(PathStage::Generate)];
-  c.trace_seconds = k.stage_seconds[uint32_t(PathStage::Trace)];
-  c.shade_seconds = k.stage_seconds[uint32_t(PathStage::Shade)];
-  c.shadow_seconds = k.stage_seconds[uint32_t(PathStage::Shadow)];
-  c.film_seconds = k.stage_seconds[uint32_t(PathStage::Film)];
-  c.largest_sample = k.largest_sample;
+  RenderCounters c = counters_from(k.path, num_samples);
   ReyesCounters &r = c.reyes;
   r.num_patches = k.num_patches;
   r.num_triangles = k.num_triangles;
@@ -194,7 +158,7 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
                 largest_bucket = std::max(largest_bucket, bucket.num_roots);
                 kernels.find_visible(scene, pass.settings, reyes, bucket, samples, steady_seconds, counters);
                 scratch.bucket_film.reset(x1 - x, y1 - y, pass.outputs);
-                kernels.shade(accel, scene, pass.settings, reyes, bucket, samples, wave, wave_capacity,
+                kernels.shade(accel, scene, pass.settings, reyes, bucket, samples, wave, shaded_paths,
                               scratch.bucket_film.view(), steady_seconds, counters);
                 add_film(scratch.film, scratch.bucket_film, x - unit.x0, y - unit.y0);
                 x = x1;

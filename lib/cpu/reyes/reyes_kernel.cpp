@@ -1,8 +1,8 @@
 // Runs the REYES stages one after another on the calling thread; see reyes_kernel.h.
 #include "cpu/reyes/reyes_kernel.h"
 
-#include "core/path/path_pipeline.h"
 #include "core/reyes/filter.h"
+#include "cpu/path/serial_executor.h"
 #include "cpu/reyes/sample_loops.h"
 
 namespace gpurt {
@@ -207,7 +207,7 @@ void find_visible(const ReyesScene &scene, const PathSettings &settings, const R
   const DiceSettings dice{1.0f / sqrt(reyes.shading_rate), 0.5f * float(settings.camera.width),
                           0.5f * float(settings.camera.height)};
   BlockSampler sampler(scene, projection, places.block());
-  counters.stage_seconds[uint32_t(PathStage::Generate)] += seconds() - start;
+  counters.path.stage_seconds[uint32_t(PathStage::Generate)] += seconds() - start;
   PatchPipeline patches(projection, dice, sampler, seconds, counters);
   uint32_t r = 0;
   for (uint64_t i = 0; i < bucket.num_roots; ++i) {
@@ -252,74 +252,40 @@ void find_visible(const ReyesScene &scene, const PathSettings &settings, const R
 }
 
 // Path tracing's stages with what the samples see in place of the eye rays' hits.
-class ReyesExecutor {
+class ReyesExecutor : public SerialExecutor {
  public:
   ReyesExecutor(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
                 const ReyesSettings &reyes, const ReyesMemory &memory, const PathUnit &unit,
                 const PathWave &wave, double (*seconds)(), ReyesKernelCounters &counters)
-      : accel_(accel),
+      : SerialExecutor(accel, seconds, counters.path),
         scene_(scene),
         settings_(settings),
         reyes_(reyes),
         memory_(memory),
         unit_(unit),
         wave_(wave),
-        seconds_(seconds),
-        counters_(counters),
-        last_(seconds())
+        num_shaded_(counters.num_shaded)
   {}
-
-  template <class Stage>
-  void for_each(PathStage id, uint32_t n, const Stage &stage)
-  {
-    for (uint32_t i = 0; i < n; ++i) stage(i);
-    charge(id);
-  }
 
   void trace_closest(const Ray *rays, Hit *hits, uint32_t n)
   {
-    if (is_first_) {
-      look_up(n);
-      is_first_ = false;
-    } else {
-      accel_.closest(accel_, rays, hits, n);
-      counters_.num_bounce_rays += n;
+    if (!is_first_trace_) {
+      SerialExecutor::trace_closest(rays, hits, n);
+      return;
     }
+    look_up(n);
+    is_first_trace_ = false;
     charge(PathStage::Trace);
   }
 
   void trace_occluded(const Ray *rays, uint8_t *occluded, uint32_t n)
   {
-    if (reyes_.no_shadows) {
-      for (uint32_t i = 0; i < n; ++i) occluded[i] = 0;
-    } else {
-      if (n != 0) accel_.occluded(accel_, rays, occluded, n);
-      counters_.num_shadow_rays += n;
+    if (!reyes_.no_shadows) {
+      SerialExecutor::trace_occluded(rays, occluded, n);
+      return;
     }
+    for (uint32_t i = 0; i < n; ++i) occluded[i] = 0;
     charge(PathStage::Shadow);
-  }
-
-  uint32_t compact_rays(const RayQueue &from, uint32_t n, const RayQueue &to)
-  {
-    uint32_t kept = 0;
-    for (uint32_t i = 0; i < n; ++i) {
-      if (from.rays[i].tmax < 0.0f) continue;
-      to.rays[kept] = from.rays[i];
-      to.paths[kept++] = from.paths[i];
-    }
-    return kept;
-  }
-
-  uint32_t compact_shadows(const ShadowQueue &from, uint32_t n, const ShadowQueue &to)
-  {
-    uint32_t kept = 0;
-    for (uint32_t i = 0; i < n; ++i) {
-      if (from.rays[i].tmax < 0.0f) continue;
-      to.rays[kept] = from.rays[i];
-      to.paths[kept] = from.paths[i];
-      to.contributions[kept++] = from.contributions[i];
-    }
-    return kept;
   }
 
  private:
@@ -343,28 +309,17 @@ class ReyesExecutor {
       }
       const float t = 1.0f / (memory_.z[slot] * dot(ray.direction, forward));
       wave_.hits[i] = hit_of_root(scene_, memory_.root[slot], memory_.u[slot], memory_.v[slot], t);
-      counters_.num_shaded++;
+      num_shaded_++;
     }
   }
 
-  void charge(PathStage id)
-  {
-    const double now = seconds_();
-    counters_.stage_seconds[uint32_t(id)] += now - last_;
-    last_ = now;
-  }
-
-  const CpuAccel &accel_;
   const ReyesScene &scene_;
   const PathSettings &settings_;
   const ReyesSettings &reyes_;
   const ReyesMemory &memory_;
   const PathUnit &unit_;
   const PathWave &wave_;
-  double (*seconds_)();
-  ReyesKernelCounters &counters_;
-  double last_;
-  bool is_first_ = true;
+  uint64_t &num_shaded_;
 };
 
 void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
@@ -380,7 +335,7 @@ void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &s
     trace_paths(executor, scene.scene, settings, unit, wave, film, n);
     for (uint32_t i = 0; i < n; ++i) {
       const float largest = max_component(wave.paths[i].radiance);
-      if (largest > counters.largest_sample) counters.largest_sample = largest;
+      if (largest > counters.path.largest_sample) counters.path.largest_sample = largest;
     }
   }
 }

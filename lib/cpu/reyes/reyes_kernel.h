@@ -5,7 +5,7 @@
 #include "core/path/path_settings.h"
 #include "core/reyes/bound.h"
 #include "core/reyes/reyes_scene.h"
-#include "cpu/accel/cpu_accel.h"
+#include "cpu/path/path_kernel.h"
 
 namespace gpurt {
 
@@ -35,9 +35,7 @@ struct ReyesKernelCounters {
   uint64_t num_patches, num_triangles, num_splits, num_culled, num_grids, num_micropolygons, num_fragments,
       num_shaded, largest_queue;
   double split_seconds, dice_seconds, sample_seconds;
-  uint64_t num_bounce_rays, num_shadow_rays;
-  double stage_seconds[5];  // by PathStage
-  float largest_sample;
+  PathKernelCounters path;  // of shading
 };
 
 // Cells of a bucket's samples at most: half a pixel each, with four pixels around for filters.
