@@ -4,8 +4,6 @@
 //   bench_cuda_build [--rays N] [--repeats N] [--only SUBSTRING] [--tris FILE] [--limit BYTES]
 //
 // FILE: float32 [n][3][3], native byte order.
-#include <cuda_runtime_api.h>
-
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -18,24 +16,12 @@
 #include <string>
 #include <vector>
 
+#include "cuda_check.h"
 #include "gpurt.h"
 
 namespace {
 
 using Vec = std::array<float, 3>;
-
-void check(gpurt_result result, const char *what)
-{
-  if (result == GPURT_OK) return;
-  std::fprintf(stderr, "error: %s: %s\n", what, gpurt_last_error());
-  std::exit(1);
-}
-void check(cudaError_t status, const char *what)
-{
-  if (status == cudaSuccess) return;
-  std::fprintf(stderr, "error: %s: %s\n", what, cudaGetErrorString(status));
-  std::exit(1);
-}
 
 class Random {
  public:

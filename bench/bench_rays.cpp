@@ -6,8 +6,6 @@
 // SCENE.tris is float32 [n][3][3]; PREFIX.SET.rays, with SET primary, ao, diffuse and random, is float32 [m][8] = origin,
 // tmin, direction, tmax. ao is answered as any hit, the others as closest hit. Hits of the first accelerator are compared
 // with those of every other, bit by bit.
-#include <cuda_runtime_api.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -18,23 +16,11 @@
 #include <thread>
 #include <vector>
 
+#include "cuda_check.h"
 #include "gpurt.h"
 #include "gpurt_cuda.h"
 
 namespace {
-
-void check(gpurt_result result, const char *what)
-{
-  if (result == GPURT_OK) return;
-  std::fprintf(stderr, "error: %s: %s\n", what, gpurt_last_error());
-  std::exit(1);
-}
-void check(cudaError_t status, const char *what)
-{
-  if (status == cudaSuccess) return;
-  std::fprintf(stderr, "error: %s: %s\n", what, cudaGetErrorString(status));
-  std::exit(1);
-}
 
 template <class T>
 std::vector<T> read_file(const std::string &path)

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "cuda/path/layout.h"
+#include "cuda/layout.h"
 
 namespace gpurt::cuda {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "cuda/path/layout.h"
+#include "cuda/layout.h"
 #include "cuda/path/sort_hits.h"
 #include "cuda/path/uber_path.h"
 

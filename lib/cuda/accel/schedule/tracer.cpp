@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "cuda/layout.h"
 #include "error.h"
 
 namespace gpurt::cuda {
@@ -13,24 +14,6 @@ constexpr uint64_t pool_number = num_counters, active_number = num_counters + 1,
 
 // Rays whose lists are in memory together: enough to fill the device, a quarter of a gigabyte.
 constexpr uint64_t max_list_rays = uint64_t(1) << 18, min_list_rays = uint64_t(1) << 12;
-
-// Lays arrays out one behind the other.
-class Layout {
- public:
-  explicit Layout(std::byte *base) : base_(base) {}
-  template <class T>
-  T *take(uint64_t count)
-  {
-    T *p = base_ == nullptr ? nullptr : reinterpret_cast<T *>(base_ + bytes_);
-    bytes_ += (count * sizeof(T) + 255) / 256 * 256;
-    return p;
-  }
-  uint64_t bytes() const { return bytes_; }
-
- private:
-  std::byte *base_;
-  uint64_t bytes_ = 0;
-};
 
 uint64_t lay_out(std::byte *base, uint32_t n, LeafListState &state)
 {
