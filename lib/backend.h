@@ -134,7 +134,7 @@ struct RenderCounters {
   ReyesCounters reyes;
 };
 
-/// What a pass of photon mapping needs beside a path tracer's settings.
+/// What passes of photon mapping need beside a path tracer's settings.
 struct PhotonRequest {
   PhotonSettings settings;
   EmissionView emission;  // in host memory
@@ -155,8 +155,8 @@ struct RenderPass {
   PathSettings settings;
   uint32_t outputs = 0;  // bits 1 << gpurt_output that the film has arrays for
   std::span<const WorkUnit> units;
-  const PhotonRequest *photon =
-      nullptr;  // photon mapping: units then have one sample each; null: path tracing
+  // Photon mapping: every sample of a unit is a pass, and there are no more than most_photon_passes(). Null: path tracing.
+  const PhotonRequest *photon = nullptr;
   const ReyesSettings *reyes = nullptr;          // REYES: resolved settings; null: another pipeline
   Schedule schedule;                             // resolved
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
@@ -173,6 +173,8 @@ class CommittedScene {
   virtual void render(const RenderPass &pass) const = 0;
   /// Throws UNSUPPORTED where the device has no photon mapping.
   virtual void require_photons() const;
+  /// Samples that units of photon mapping may have.
+  virtual uint64_t most_photon_passes() const { return 1; }
   /// Traces num_photons and finds the visible points of pixels in points_per_axis^2 places of the image. The same bits on
   /// every device. Throws UNSUPPORTED, OUT_OF_MEMORY.
   virtual PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission,
@@ -191,9 +193,8 @@ class CommittedScene {
 inline void CommittedScene::require_photons() const
 {
   fail(GPURT_ERROR_UNSUPPORTED,
-       "GPURT_PIPELINE_PHOTON is not supported by this device; use a CPU device, or GPURT_PIPELINE_PATH with "
-       "more "
-       "samples per pixel where caustics matter");
+       "GPURT_PIPELINE_PHOTON is not supported by several devices that work as one: each would trace all photons "
+       "of a pass; render frames of other samples (first_sample) on each of them and merge these");
 }
 
 inline PhotonPilot CommittedScene::photon_pilot(const PathSettings &, const EmissionView &, uint32_t,

@@ -72,8 +72,11 @@ gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc
                "gpurt_photon_estimator");
     check_enum(d.photon.kernel, GPURT_PHOTON_KERNEL_CONE + 1, "photon.kernel", "gpurt_photon_kernel");
     RenderPlan plan = plan_render(d);
-    if (plan.desc.pipeline == GPURT_PIPELINE_PHOTON) f->commit->committed->require_photons();
-    plan.desc.schedule = describe(f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
+    const bool has_photons = plan.desc.pipeline == GPURT_PIPELINE_PHOTON;
+    if (has_photons) f->commit->committed->require_photons();
+    plan.desc.schedule = describe(has_photons
+                                      ? resolve_fused_schedule(asked, "photon mapping")
+                                      : f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
     const auto object = std::make_shared<JobObject>();
     object->frame = f;
     object->job = Job::submit(f->frame, plan.desc, checked_tiles(tiles, num_tiles));

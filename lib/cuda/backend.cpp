@@ -12,6 +12,7 @@
 #include "cuda/kernel_listing.h"
 #include "cuda/path/render.h"
 #include "cuda/photon/photon_map.h"
+#include "cuda/photon/render.h"
 #include "cuda/probe.h"
 #include "error.h"
 
@@ -91,7 +92,18 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   void render(const RenderPass &pass) const override
   {
     const DeviceScope scope(device_->memory->ordinal());
-    render_on_device(pass, trace_scene_, device_->memory, device_->lanes);
+    if (pass.photon != nullptr) render_photons_on_device(pass, trace_scene_, device_->memory, device_->lanes);
+    else render_on_device(pass, trace_scene_, device_->memory, device_->lanes);
+  }
+
+  void require_photons() const override {}
+  uint64_t most_photon_passes() const override { return cuda::most_photon_passes; }
+  PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
+                           uint32_t points_per_axis) const override
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    return photon_pilot_on_device(settings, emission, num_photons, points_per_axis, trace_scene_,
+                                  device_->memory, device_->lanes);
   }
 
   Schedule resolve_schedule(const Schedule &asked, ScheduleUse use) const override

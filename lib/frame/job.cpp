@@ -17,6 +17,7 @@ constexpr uint32_t reyes_depth = 2;  // emission and direct light
 constexpr uint64_t max_unit_samples = 1024;
 constexpr uint64_t max_unit_paths = 65536;
 constexpr double unit_seconds = 0.05;  // what a unit may take a worker, so that cancelling is quick
+constexpr double passes_seconds = 0.15;  // what passes of photon mapping may take together
 constexpr double progress_interval_seconds = 0.05;
 
 double steady_seconds()
@@ -287,8 +288,14 @@ void Job::render()
 // The level that the next pass goes to: a few samples further than those who have fewest.
 uint64_t Job::pass_samples(uint64_t num_samples, uint64_t from) const
 {
-  // The photons of a pass serve one sample of every pixel.
-  if (has_photons()) return std::min(num_samples, from + 1);
+  if (has_photons()) {
+    // The photons of a pass serve one sample of every pixel. Devices that follow several passes hand over the film of
+    // all of them at once.
+    const double pass_seconds = last_seconds_per_path_ * double(area(tiles_));
+    const double most = double(frame_->scene().committed->most_photon_passes());
+    const double passes = pass_seconds > 0 ? std::min(passes_seconds / pass_seconds, most) : 1;
+    return std::min(num_samples, from + std::max<uint64_t>(uint64_t(passes), 1));
+  }
   // What REYES splits and dices serves all samples of a pass.
   if (desc_.pipeline == GPURT_PIPELINE_REYES) return std::min(num_samples, from + max_unit_samples);
   const uint64_t unit_area = uint64_t(desc_.tile_size) * desc_.tile_size;
@@ -322,6 +329,7 @@ bool Job::render_to(uint64_t num_samples)
     const double seconds = steady_seconds() - before;
     frame_->add_render_seconds(seconds);
     pass_seconds_ += seconds;
+    if (done_ > done_before) last_seconds_per_path_ = seconds / double(done_ - done_before);
     // Passes of photon mapping are alike and short: one that was slow by chance must not end the job.
     if (has_photons() && done_ > 0) seconds_per_path_ = pass_seconds_ / double(done_);
     else if (done_ > done_before) seconds_per_path_ = seconds / double(done_ - done_before);

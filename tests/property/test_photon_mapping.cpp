@@ -9,6 +9,7 @@ namespace {
 using namespace gpurt_test;
 
 struct Work {
+  gpurt_device_type device = GPURT_DEVICE_CPU;
   uint32_t threads = 0, tile_size = 0, spp = 4, max_depth = 0;
   gpurt_accel accel = GPURT_ACCEL_BVH;
   uint64_t memory_limit = 0;
@@ -114,34 +115,46 @@ std::vector<float> color_of(gpurt_frame frame)
 
 std::vector<float> render_room(const Work &o)
 {
-  const Device device = make_device(GPURT_DEVICE_CPU, o.threads, o.memory_limit);
+  const Device device = make_device(o.device, o.threads, o.memory_limit);
   const Scene scene = make_room(device, add_lamp, o.accel);
   const Frame frame = frame_of(scene);
   GPURT_EXPECT_OK(submit(frame, o));
   return color_of(frame);
 }
 
-TEST(PhotonBits, AreThoseOfAnyNumberOfThreadsTilesAndMaps)
+class PhotonMapping : public testing::TestWithParam<gpurt_device_type> {
+ protected:
+  void SetUp() override
+  {
+    if (GetParam() == GPURT_DEVICE_CUDA && !has_cuda()) GTEST_SKIP() << "no CUDA device";
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Cpu, PhotonMapping, testing::Values(GPURT_DEVICE_CPU));
+INSTANTIATE_TEST_SUITE_P(Cuda, PhotonMapping, testing::Values(GPURT_DEVICE_CUDA));
+
+// On a CUDA device as well those of the CPU.
+TEST_P(PhotonMapping, HasTheBitsOfAnyNumberOfThreadsTilesAndMaps)
 {
   const std::vector<float> reference = render_room({});
   Work one;
-  one.threads = 1;
+  one.device = GetParam();
+  one.threads = GetParam() == GPURT_DEVICE_CPU ? 1 : 0;
   one.tile_size = 8;
   EXPECT_EQ(render_room(one), reference);
-  Work three;
-  three.threads = 3;
+  Work three = one;
+  three.threads *= 3;
   three.tile_size = 13;
   three.accel = GPURT_ACCEL_KDTREE;
   EXPECT_EQ(render_room(three), reference);
-  Work small;
-  small.threads = 1;
+  Work small = one;
+  small.tile_size = 0;
   small.memory_limit = 5 << 20;
   EXPECT_EQ(render_room(small), reference);
 }
 
-TEST(PhotonBits, AreThoseOfContinuedMergedAndSavedFrames)
+TEST_P(PhotonMapping, HasTheBitsOfContinuedMergedAndSavedFrames)
 {
-  const Device device = make_device(GPURT_DEVICE_CPU);
+  const Device device = make_device(GetParam());
   const Scene scene = make_room(device, add_lamp);
   const Frame whole = frame_of(scene);
   Work o;
@@ -176,9 +189,9 @@ TEST(PhotonBits, AreThoseOfContinuedMergedAndSavedFrames)
   EXPECT_EQ(color_of(first), reference);
 }
 
-TEST(PhotonFrames, RefuseSamplesOfOtherSettings)
+TEST_P(PhotonMapping, RefusesSamplesOfOtherSettings)
 {
-  const Device device = make_device(GPURT_DEVICE_CPU);
+  const Device device = make_device(GetParam());
   const Scene scene = make_room(device, add_lamp);
   const Frame frame = frame_of(scene);
   Work o;
@@ -204,7 +217,7 @@ TEST(PhotonFrames, RefuseSamplesOfOtherSettings)
 }
 
 // The noise of either mean is about 0.3 %, the bias of the radius less than 0.5 %.
-TEST(PhotonMeans, AreThoseOfPathTracingUnderEveryLight)
+TEST_P(PhotonMapping, HasTheMeansOfPathTracingUnderEveryLight)
 {
   const std::pair<const char *, Lights> kinds[] = {
       {"point", [](gpurt_scene s) { add_light(s, GPURT_LIGHT_POINT, {0.2f, 0.6f, 0.3f}, {}, {1, 1, 1}); }},
@@ -223,7 +236,7 @@ TEST(PhotonMeans, AreThoseOfPathTracingUnderEveryLight)
          add_mesh(s, quad({-0.3f, 0.5f, -0.6f}, {0.3f, 0.5f, -0.6f}, {0.3f, 0.5f, 0}, {-0.3f, 0.5f, 0}), id);
        }},
   };
-  const Device device = make_device(GPURT_DEVICE_CPU);
+  const Device device = make_device(GetParam());
   for (const auto &[name, lights] : kinds) {
     // Caustics of small lights are found by photons alone.
     const std::string kind = name;

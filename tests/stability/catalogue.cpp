@@ -31,6 +31,8 @@ const std::vector<Method> &photon_methods()
 {
   static const std::vector<Method> all = {
       {"photon_bvh", GPURT_DEVICE_CPU, GPURT_ACCEL_BVH, GPURT_TRIANGLE_WATERTIGHT},
+      {"cuda_photon_kdtree", GPURT_DEVICE_CUDA, GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_WATERTIGHT},
+      {"cuda_photon_bvh", GPURT_DEVICE_CUDA, GPURT_ACCEL_BVH, GPURT_TRIANGLE_WATERTIGHT},
   };
   return all;
 }

@@ -440,7 +440,7 @@ TEST_P(Photons, Row34StoreOverflow)
   std::string note;
   uint64_t bad = 0;
   for (const uint64_t limit : {uint64_t(0), uint64_t(4) << 20}) {
-    device_ = make_device(GPURT_DEVICE_CPU, 1, limit);
+    device_ = make_device(method().device, method().is_cuda() ? 0 : 1, limit);
     const Scene scene = make_scene();
     add_mesh(scene, cube(), furnace_material(scene, 0.7f));
     add_camera(scene, {0, 0, 0}, 1);

@@ -35,6 +35,35 @@ GPURT_INLINE Vec2f disc_point(SampleKey key, PhotonKernel kernel, uint32_t k)
   return {radius * c, radius * s};
 }
 
+// Whether the point's disc is not known to lie on a surface.
+GPURT_INLINE bool wants_disc_trials(const PhotonPass &pass, const VisiblePoint &point)
+{
+  return point.depth != 0 && !(point.clearance > pass.radius);
+}
+
+// The ray of trial k, from half a radius above the point to a little below the disc: what stands between hides it.
+GPURT_INLINE Ray disc_probe(const PhotonPass &pass, SampleKey key, const VisiblePoint &point, uint32_t k)
+{
+  Vec3f s, t;
+  make_frame(point.geometric_normal, s, t);
+  const Vec2f q = disc_point(key, pass.kernel, k);
+  const Vec3f offset = (s * q.x + t * q.y) * pass.radius;
+  const Vec3f above = point.geometric_normal * (0.5f * pass.radius);
+  return {point.position + above, 0.0f, offset - above, 1.5f};
+}
+
+// Whether a probe met a surface that the gather takes photons from.
+GPURT_INLINE bool lies_on_surface(const SceneView &scene, const PhotonPass &pass, const VisiblePoint &point,
+                                  const Hit &hit)
+{
+  if (hit.triangle == invalid_id) return false;
+  const SurfaceHit surface = surface_at(scene, hit);
+  const float distance = abs(dot(surface.position - point.position, point.geometric_normal));
+  if (distance > gather_max_plane_distance * pass.radius) return false;
+  const float cosine = abs(dot(surface.geometric_normal, point.geometric_normal));
+  return !(pass.remedies & remedy_normal && cosine < gather_min_cosine);
+}
+
 // Aims trial k of every visible point whose disc is not known to lie on a surface; into the slots of next rays.
 struct AimDiscProbe {
   PathWave wave;
@@ -47,19 +76,13 @@ struct AimDiscProbe {
     wave.next_rays.rays[i].tmax = -1.0f;
     wave.next_rays.paths[i] = i;
     VisiblePoint &point = points[i];
-    if (point.depth == 0 || point.clearance > pass.radius) return;
-    Vec3f s, t;
-    make_frame(point.geometric_normal, s, t);
-    const Vec2f q = disc_point(wave.paths[i].key, pass.kernel, k);
-    const Vec3f offset = (s * q.x + t * q.y) * pass.radius;
-    // From half a radius above the point to a little below the disc: what stands between hides it.
-    const Vec3f above = point.geometric_normal * (0.5f * pass.radius);
-    wave.next_rays.rays[i] = {point.position + above, 0.0f, offset - above, 1.5f};
+    if (!wants_disc_trials(pass, point)) return;
+    wave.next_rays.rays[i] = disc_probe(pass, wave.paths[i].key, point, k);
     point.inverse_area = float(k + 1);
   }
 };
 
-// Ends the trials of points whose probe met a surface that the gather takes photons from.
+// Ends the trials of points whose probe met such a surface.
 struct EndDiscTrials {
   SceneView scene;
   PathWave wave;
@@ -68,15 +91,8 @@ struct EndDiscTrials {
 
   GPURT_HD void operator()(uint32_t i) const
   {
-    const Hit hit = wave.hits[i];
-    if (hit.triangle == invalid_id) return;
     VisiblePoint &point = points[wave.rays.paths[i]];
-    const SurfaceHit surface = surface_at(scene, hit);
-    const float distance = abs(dot(surface.position - point.position, point.geometric_normal));
-    if (distance > gather_max_plane_distance * pass.radius) return;
-    const float cosine = abs(dot(surface.geometric_normal, point.geometric_normal));
-    if (pass.remedies & remedy_normal && cosine < gather_min_cosine) return;
-    point.clearance = infinity;
+    if (lies_on_surface(scene, pass, point, wave.hits[i])) point.clearance = infinity;
   }
 };
 

@@ -21,6 +21,7 @@ struct EmissionView {
 struct EmittedPhoton {
   Ray ray;
   Vec3f flux;
+  uint32_t triangle;  // of the lamp; invalid_id: not of a lamp
 };
 
 // Pairs of sample dimensions of a photon path: those of emission, then those of each vertex.
@@ -140,6 +141,7 @@ GPURT_HD inline bool emit_photon(const SceneView &scene, const EmissionView &emi
   const Vec2f u_position = sample_2d(key, photon_dim_position);
   const Vec2f u_direction = sample_2d(key, photon_dim_direction);
   const uint32_t source = find_interval(emission.cdf, emission.num_sources, u_light.x);
+  photon.triangle = invalid_id;
 
   const uint32_t num_lights = scene.num_tree_lights + scene.num_distant_lights;
   if (source < num_lights) {
@@ -147,6 +149,7 @@ GPURT_HD inline bool emit_photon(const SceneView &scene, const EmissionView &emi
     photon.flux = light.color * (1.0f / max_component(light.color));
     switch (light.type) {
       case LightType::Triangle:
+        photon.triangle = light.triangle;
         return emit_from_triangle(scene, light, u_light.y, u_position, u_direction, photon.ray);
       case LightType::Point:
         photon.ray = {light.position, 0.0f, sample_sphere(u_direction), infinity};

@@ -29,31 +29,18 @@ constexpr uint32_t path_covered = 1, path_gathers = 2;
 
 GPURT_FUNCTIONS_BEGIN
 
-struct ShadeEyeVertex {
-  SceneView scene;
-  PathSettings settings;
-  PathWave wave;
-  VisiblePoint *points;  // one a path
-  uint32_t depth;        // of the ray that was traced: 1 is the eye ray
+// A vertex of an eye path.
+struct EyeVertex {
+  const SceneView &scene;
+  const PathSettings &settings;
+  uint32_t depth;  // of the ray that was traced: 1 is the eye ray
 
-  GPURT_HD void operator()(uint32_t i) const
-  {
-    const uint32_t path_index = wave.rays.paths[i];
-    wave.next_rays.rays[i].tmax = -1.0f;
-    wave.shadows.rays[i].tmax = -1.0f;
-    wave.next_rays.paths[i] = path_index;
-    wave.shadows.paths[i] = path_index;
-
-    if (depth == 1) points[path_index].depth = 0;
-    PathState path = wave.paths[path_index];
-    shade(wave.rays.rays[i], wave.hits[i], path, points[path_index], VertexSlots{wave, i});
-    wave.paths[path_index] = path;
-  }
-
- private:
+  // As PathVertex::shade; `point` is set where the path gathers, and its depth cleared at the first vertex.
+  template <class Sink>
   GPURT_HD void shade(const Ray &ray, const Hit &hit, PathState &path, VisiblePoint &point,
-                      const VertexSlots &slots) const
+                      const Sink &sink) const
   {
+    if (depth == 1) point.depth = 0;
     const PathVertex vertex{scene, settings, depth};
     if (hit.triangle == invalid_id) {
       vertex.add_environment(ray, path);
@@ -76,7 +63,7 @@ struct ShadeEyeVertex {
     const uint32_t pair = (depth - 1) * dims_per_step;
     const Vec2f choice = sample_2d(path.key, pair + dim_choice);
     if (!is_delta(bsdf)) {
-      vertex.direct_light(slots, surface, bsdf, normal, s, t, wo, choice.x,
+      vertex.direct_light(sink, surface, bsdf, normal, s, t, wo, choice.x,
                           sample_2d(path.key, pair + dim_light), path);
     }
     if (receives_photons(bsdf)) {
@@ -84,10 +71,11 @@ struct ShadeEyeVertex {
       if (depth + 2 <= settings.max_depth) set_point(point, hit, surface, bsdf, normal, wo_world, path);
       path.covered |= path_gathers;
     }
-    vertex.continue_path(slots, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf),
+    vertex.continue_path(sink, surface, bsdf, normal, s, t, wo, choice, sample_2d(path.key, pair + dim_bsdf),
                          path);
   }
 
+ private:
   GPURT_HD void set_point(VisiblePoint &point, const Hit &hit, const SurfaceHit &surface, const Bsdf &bsdf,
                           Vec3f normal, Vec3f wo_world, const PathState &path) const
   {
@@ -124,6 +112,27 @@ struct ShadeEyeVertex {
     const float twice_area = length(cross(b - a, c - a));
     const float w = 1.0f - hit.u - hit.v;
     return twice_area * min(w / length(c - b), min(hit.u / length(c - a), hit.v / length(b - a)));
+  }
+};
+
+struct ShadeEyeVertex {
+  SceneView scene;
+  PathSettings settings;
+  PathWave wave;
+  VisiblePoint *points;  // one a path
+  uint32_t depth;        // as EyeVertex::depth
+
+  GPURT_HD void operator()(uint32_t i) const
+  {
+    const uint32_t path_index = wave.rays.paths[i];
+    wave.next_rays.rays[i].tmax = -1.0f;
+    wave.shadows.rays[i].tmax = -1.0f;
+    wave.next_rays.paths[i] = path_index;
+    wave.shadows.paths[i] = path_index;
+    PathState path = wave.paths[path_index];
+    EyeVertex{scene, settings, depth}.shade(wave.rays.rays[i], wave.hits[i], path, points[path_index],
+                                            VertexSlots{wave, i});
+    wave.paths[path_index] = path;
   }
 };
 

@@ -40,8 +40,10 @@ GPURT_INLINE float min_normal_dot_cosine(uint32_t remedies)
   return remedies & remedy_normal ? gather_min_cosine : (remedies & remedy_side ? 0.0f : -2.0f);
 }
 
+// Adds the photons of one of NumParts parts, which may be summed side by side: every NumParts-th photon of the grid.
+template <uint32_t NumParts = 1>
 GPURT_INLINE void gather_photons(const PhotonGrid &grid, const PhotonPass &pass, uint32_t max_depth,
-                                 const VisiblePoint &point, PhotonSum &sum)
+                                 const VisiblePoint &point, PhotonSum &sum, uint32_t part = 0)
 {
   const float radius = pass.radius, inverse_radius = 1.0f / radius;
   const int threshold = normal_threshold(min_normal_dot_cosine(pass.remedies));
@@ -53,7 +55,7 @@ GPURT_INLINE void gather_photons(const PhotonGrid &grid, const PhotonPass &pass,
     make_frame(point.shading_normal, s, t);
     wo = {dot(point.wo, s), dot(point.wo, t), dot(point.wo, point.shading_normal)};
   }
-  gather(grid, point.position, radius, [&](uint64_t i, float d2, const PhotonProbe &probe) {
+  const auto take = [&](uint32_t i, float d2, const PhotonProbe &probe) {
     const PhotonRest rest = load_rest(grid, i);
     if (rest.normal >> 24 > max_hits) return;
     if (normal_dot(point.normal_code, rest.normal) <= threshold) return;
@@ -75,6 +77,14 @@ GPURT_INLINE void gather_photons(const PhotonGrid &grid, const PhotonPass &pass,
     sum.flux[1] += int64_t(flux.y * 0x1p32f);
     sum.flux[2] += int64_t(flux.z * 0x1p32f);
     ++sum.num_photons;
+  };
+  const float radius2 = radius * radius;
+  for_each_range(grid, point.position, radius, [&](uint32_t begin, uint32_t end) {
+    for (uint32_t i = NumParts == 1 ? begin : begin + (part - begin) % NumParts; i < end; i += NumParts) {
+      const PhotonProbe probe = load_probe(grid, i);
+      const float d2 = length2(probe.position - point.position);
+      if (d2 < radius2) take(i, d2, probe);
+    }
   });
 }
 

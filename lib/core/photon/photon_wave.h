@@ -76,22 +76,19 @@ struct EmitPhotons {
   }
 };
 
-struct ScatterPhoton {
-  SceneView scene;
-  PhotonUnit unit;
-  PhotonWave wave;
+// A surface that a photon meets: the record that it leaves there, and how it goes on.
+struct PhotonVertex {
+  const SceneView &scene;
+  uint32_t max_depth;
   uint32_t num_hits;  // surfaces met so far, this one included
 
-  GPURT_HD void operator()(uint32_t i) const
+  // Hands what is left behind to sink.store(record) and the ray that goes on to sink.next(ray), each at most once; `photon`
+  // is then what goes along with that ray.
+  template <class Sink>
+  GPURT_HD void scatter(const Ray &ray, const Hit &hit, PhotonState &photon, const Sink &sink) const
   {
-    wave.next_rays.rays[i].tmax = -1.0f;
-    wave.slots[i].bounce = 0;
-    const uint32_t index = wave.rays.paths[i];
-    wave.next_rays.paths[i] = index;
-    const Hit hit = wave.hits[i];
     if (hit.triangle == invalid_id) return;
-    PhotonState photon = wave.states[index];
-    const Vec3f direction = normalize(wave.rays.rays[i].direction);
+    const Vec3f direction = normalize(ray.direction);
     const SurfaceHit surface = surface_at(scene, hit);
     const Material &material = scene.materials[surface.material];
 
@@ -106,27 +103,24 @@ struct ScatterPhoton {
 
     // Light that comes straight from a lamp is left to next-event estimation. A photon that has met n surfaces reaches
     // the eye at depth n + 1 or later.
-    if (num_hits >= 2 && num_hits < unit.max_depth && receives_photons(bsdf)) {
+    if (num_hits >= 2 && num_hits < max_depth && receives_photons(bsdf)) {
       const Vec3f flux = photon.flux * (cos_shading / cos_geometric);
       const Vec3f side = dot(surface.geometric_normal, wo_world) < 0.0f ? -surface.geometric_normal
                                                                         : surface.geometric_normal;
       if (max_component(flux) <= max_photon_flux) {
-        wave.slots[i] = {surface.position,
-                         encode_flux(flux, photon.id * 0x9e3779b9u + num_hits),
-                         encode_direction(direction),
-                         encode_normal(side) | num_hits << 24,
-                         photon.id,
-                         num_hits - 1};
+        sink.store({surface.position, encode_flux(flux, photon.id * 0x9e3779b9u + num_hits),
+                    encode_direction(direction), encode_normal(side) | num_hits << 24, photon.id,
+                    num_hits - 1});
       }
     }
-    if (num_hits + 2 <= unit.max_depth) {
-      scatter(i, index, surface, bsdf, normal, wo_world, cos_shading / cos_geometric, photon);
-    }
+    if (num_hits + 2 <= max_depth)
+      go_on(surface, bsdf, normal, wo_world, cos_shading / cos_geometric, photon, sink);
   }
 
  private:
-  GPURT_HD void scatter(uint32_t i, uint32_t index, const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal,
-                        Vec3f wo_world, float cos_ratio, PhotonState &photon) const
+  template <class Sink>
+  GPURT_HD void go_on(const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f wo_world,
+                      float cos_ratio, PhotonState &photon, const Sink &sink) const
   {
     Vec3f s, t;
     make_frame(normal, s, t);
@@ -152,11 +146,41 @@ struct ScatterPhoton {
       if (choice.y >= survival) return;
       photon.flux *= before / after;
     }
-    wave.states[index] = photon;
-    wave.next_rays.rays[i] = {
-        offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi), leaving_tmin,
-        wi, infinity};
+    sink.next({offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi),
+               leaving_tmin, wi, infinity});
   }
+};
+
+struct ScatterPhoton {
+  SceneView scene;
+  PhotonUnit unit;
+  PhotonWave wave;
+  uint32_t num_hits;  // surfaces met so far, this one included
+
+  GPURT_HD void operator()(uint32_t i) const
+  {
+    wave.next_rays.rays[i].tmax = -1.0f;
+    wave.slots[i].bounce = 0;
+    const uint32_t index = wave.rays.paths[i];
+    wave.next_rays.paths[i] = index;
+    PhotonState photon = wave.states[index];
+    PhotonVertex{scene, unit.max_depth, num_hits}.scatter(wave.rays.rays[i], wave.hits[i], photon,
+                                                          Slots{wave, i, index, photon});
+  }
+
+ private:
+  struct Slots {
+    const PhotonWave &wave;
+    uint32_t i, index;
+    const PhotonState &photon;
+
+    GPURT_HD void store(const Photon &record) const { wave.slots[i] = record; }
+    GPURT_HD void next(const Ray &ray) const
+    {
+      wave.states[index] = photon;
+      wave.next_rays.rays[i] = ray;
+    }
+  };
 };
 
 GPURT_FUNCTIONS_END

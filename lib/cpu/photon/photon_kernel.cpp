@@ -49,9 +49,7 @@ void gather(const CpuAccel &accel, const SceneView &scene, const PathSettings &s
   const double start = seconds();
   for (uint32_t i = 0; i < num_paths; ++i) {
     if (points[i].depth == 0) continue;
-    const uint32_t before = sums[i].num_photons;
     gather_photons(grid, pass, settings.max_depth, points[i], sums[i]);
-    counters.num_gathered += sums[i].num_photons - before;
   }
   counters.gather_seconds += seconds() - start;
 }
@@ -65,6 +63,7 @@ void resolve(const PhotonPass &pass, const PathUnit &unit, const PathWave &wave,
   for (uint32_t i = 0; i < num_pixels; ++i) stage(i);
   for (uint32_t i = 0; i < num_paths; ++i) {
     counters.num_visible += points[i].depth != 0;
+    counters.num_gathered += sums[i].num_photons;
     const float largest = max_component(sample_radiance(pass, wave.paths[i], points[i], sums[i]));
     if (largest > counters.path.largest_sample) counters.path.largest_sample = largest;
   }

@@ -1,14 +1,11 @@
 // The steps of a pool of paths as kernels, and their order.
-#include "core/accel/meets_triangle.h"
 #include "cuda/accel/near.h"
 #include "cuda/launch.h"
 #include "cuda/path/pool.h"
+#include "cuda/path/pool_places.h"
 
 namespace gpurt::cuda {
 namespace {
-
-constexpr unsigned warp_size = 32;
-constexpr unsigned num_warps = block_size / warp_size;
 
 struct PoolStep {
   SceneView scene;
@@ -28,12 +25,6 @@ __global__ void __launch_bounds__(block_size)
 {
   const uint64_t i = thread_item();
   if (i < n) start(uint32_t(i));
-}
-
-// A ray that leaves a triangle and cannot meet it again need not test it, which single precision could not decide.
-__device__ __noinline__ uint32_t leave_out(const SceneView &scene, const Ray &ray, uint32_t triangle)
-{
-  return meets_triangle(scene, ray, triangle) ? invalid_id : triangle;
 }
 
 // The rays that a hit makes, till it is known where they go.
@@ -59,35 +50,6 @@ struct MadeRaysSink {
     made.has_shadow = true;
   }
 };
-
-__device__ __forceinline__ void store_ray(Ray *to, const Ray &ray)
-{
-  float4 *p = reinterpret_cast<float4 *>(to);
-  p[0] = make_float4(ray.origin.x, ray.origin.y, ray.origin.z, ray.tmin);
-  p[1] = make_float4(ray.direction.x, ray.direction.y, ray.direction.z, ray.tmax);
-}
-
-// Where this thread's item goes in a queue of `number` items so far: one atomic addition a block. In which order blocks
-// come changes no result.
-__device__ __forceinline__ uint32_t take_place(bool has_item, uint32_t *number,
-                                               uint32_t (&shared)[num_warps + 1])
-{
-  const unsigned lane = threadIdx.x % warp_size, warp = threadIdx.x / warp_size;
-  const unsigned votes = __ballot_sync(~0u, has_item);
-  if (lane == 0) shared[warp] = __popc(votes);
-  __syncthreads();
-  if (threadIdx.x == 0) {
-    uint32_t sum = 0;
-    for (unsigned w = 0; w < num_warps; ++w) {
-      const uint32_t count = shared[w];
-      shared[w] = sum;
-      sum += count;
-    }
-    shared[num_warps] = sum != 0 ? atomicAdd(number, sum) : 0;
-  }
-  __syncthreads();
-  return shared[num_warps] + shared[warp] + __popc(votes & ((1u << lane) - 1u));
-}
 
 __global__ void __launch_bounds__(block_size)
     shade_pool_kernel(const __grid_constant__ PoolStep s, uint32_t n)

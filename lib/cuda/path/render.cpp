@@ -1,14 +1,10 @@
 #include "cuda/path/render.h"
 
-#include <tbb/enumerable_thread_specific.h>
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
-#include <cstring>
 #include <optional>
 
+#include "cuda/path/group_film.h"
 #include "cuda/path/pool.h"
-#include "cuda/path/unit_groups.h"
 #include "cuda/path/wave.h"
 #include "error.h"
 #include "memory.h"
@@ -27,54 +23,6 @@ constexpr uint64_t max_group_pixels = uint64_t(1) << 19;
 // Small images are cut, so that every lane has something to do while another delivers.
 constexpr uint64_t min_group_paths = uint64_t(1) << 19;
 
-// A group's film: in device memory, then in pinned host memory in the same layout.
-class GroupFilm {
- public:
-  GroupFilm(uint64_t num_pixels, uint32_t outputs) : num_pixels_(num_pixels)
-  {
-    TileFilm one;
-    one.reset(1, 1, outputs);
-    has_features_ = !one.features.empty();
-    has_first_hits_ = !one.first_hits.empty();
-  }
-  uint64_t bytes() const
-  {
-    return num_pixels_ * (sizeof(PixelSums) + (has_features_ ? sizeof(PixelFeatures) : 0) +
-                          (has_first_hits_ ? sizeof(PixelFirstHit) : 0));
-  }
-  // The arrays lie one behind the other; sizes of their elements are multiples of 8, as their alignment wants.
-  FilmView view(std::byte *base, uint32_t width, uint32_t height) const
-  {
-    FilmView film{};
-    film.width = width;
-    film.height = height;
-    film.pixels = reinterpret_cast<PixelSums *>(base);
-    base += num_pixels_ * sizeof(PixelSums);
-    if (has_features_) {
-      film.features = reinterpret_cast<PixelFeatures *>(base);
-      base += num_pixels_ * sizeof(PixelFeatures);
-    }
-    if (has_first_hits_) film.first_hits = reinterpret_cast<PixelFirstHit *>(base);
-    return film;
-  }
-
- private:
-  uint64_t num_pixels_;
-  bool has_features_, has_first_hits_;
-};
-static_assert(sizeof(PixelSums) % 8 == 0 && sizeof(PixelFeatures) % 8 == 0);
-
-template <class T>
-void copy_rows(std::vector<T> &to, const T *from, const WorkUnit &unit, const WorkUnit &group)
-{
-  if (to.empty()) return;
-  const uint64_t width = unit.x1 - unit.x0, group_width = group.x1 - group.x0;
-  for (uint32_t y = unit.y0; y < unit.y1; ++y) {
-    std::memcpy(to.data() + (y - unit.y0) * width, from + (y - group.y0) * group_width + (unit.x0 - group.x0),
-                width * sizeof(T));
-  }
-}
-
 RenderCounters counters_from(const WaveCounters &wave)
 {
   RenderCounters c;
@@ -88,25 +36,6 @@ RenderCounters counters_from(const WaveCounters &wave)
   c.largest_sample = wave.largest_sample;
   c.schedule = wave.schedule;
   return c;
-}
-
-// Hands the units of a finished group over, on the host's threads.
-void deliver(const RenderPass &pass, const UnitGroup &group, const FilmView &film,
-             const WaveCounters &counters)
-{
-  tbb::enumerable_thread_specific<TileFilm> tiles;
-  tbb::parallel_for(size_t(0), group.units.size(), [&](size_t i) {
-    const WorkUnit &unit = group.units[i];
-    TileFilm &tile = tiles.local();
-    tile.reset(unit.x1 - unit.x0, unit.y1 - unit.y0, pass.outputs);
-    copy_rows(tile.pixels, film.pixels, unit, group.bounds);
-    copy_rows(tile.features, film.features, unit, group.bounds);
-    copy_rows(tile.first_hits, film.first_hits, unit, group.bounds);
-    // What the group did together is counted with its first unit: only sums matter.
-    RenderCounters c = i == 0 ? counters_from(counters) : RenderCounters{};
-    c.num_samples = c.num_camera_rays = uint64_t(unit.x1 - unit.x0) * (unit.y1 - unit.y0) * unit.num_samples;
-    pass.deliver(unit, tile, c);
-  });
 }
 
 class PassRenderer {
@@ -199,7 +128,7 @@ class PassRenderer {
     check(cudaMemcpyAsync(host, work.film.data(), layout.bytes(), cudaMemcpyDeviceToHost, lane.stream()),
           "cudaMemcpyAsync");
     lane.synchronize();
-    deliver(pass_, group, layout.view(host, width, height), counters);
+    deliver(pass_, group, layout.view(host, width, height), counters_from(counters));
   }
 
   const RenderPass &pass_;

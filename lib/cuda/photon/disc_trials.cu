@@ -1,0 +1,80 @@
+// How much of visible points' discs lies on surfaces: see core/photon/disc_area.h. Points that miss again and again have
+// their next trials side by side, so that few of them cost few rounds; the first trial that ends counts.
+#include "cuda/launch.h"
+#include "cuda/path/pool_places.h"
+#include "cuda/photon/eye_paths.h"
+
+namespace gpurt::cuda {
+namespace {
+
+__global__ void __launch_bounds__(block_size)
+    begin_kernel(const __grid_constant__ EyeWave wave, const __grid_constant__ PhotonPass pass, uint32_t n)
+{
+  __shared__ uint32_t places[num_warps + 1];
+  const uint64_t i = thread_item();
+  const bool wants = i < n && wants_disc_trials(pass, wave.points[i]);
+  const uint32_t place = take_place(wants, &wave.numbers->next, places);
+  if (!wants) return;
+  store_ray(wave.queues[0].rays + place, disc_probe(pass, wave.states[i].key, wave.points[i], 0));
+  wave.queues[0].paths[place] = uint32_t(i);
+}
+
+__global__ void __launch_bounds__(block_size)
+    end_kernel(const __grid_constant__ EyeWave wave, const __grid_constant__ PhotonPass pass, int from,
+               DiscTrials trials, uint32_t num_points)
+{
+  __shared__ uint32_t places[num_warps + 1];
+  const uint64_t i = thread_item();
+  bool goes_on = false;
+  uint32_t path = 0, num_tried = 0;
+  if (i < num_points) {
+    path = wave.queues[from].paths[i];
+    const VisiblePoint &point = wave.points[path];
+    goes_on = true;
+    while (goes_on && num_tried < trials.per_point) {
+      goes_on = !lies_on_surface(wave.scene, pass, point, wave.hits[i * trials.per_point + num_tried]);
+      ++num_tried;
+    }
+    wave.points[path].inverse_area = float(trials.first + num_tried);
+    goes_on = goes_on && trials.first + num_tried < max_disc_trials;
+  }
+  const unsigned num_tried_of_warp = __reduce_add_sync(~0u, num_tried);
+  if (threadIdx.x % warp_size == 0 && num_tried_of_warp != 0)
+    atomicAdd(&wave.numbers->num_probes, static_cast<unsigned long long>(num_tried_of_warp));
+  const uint32_t place = take_place(goes_on, &wave.numbers->next, places);
+  if (goes_on) wave.queues[1 - from].paths[place] = path;
+}
+
+__global__ void __launch_bounds__(block_size)
+    aim_kernel(const __grid_constant__ EyeWave wave, const __grid_constant__ PhotonPass pass, int from,
+               DiscTrials trials, uint32_t num_points)
+{
+  const uint64_t i = thread_item();
+  if (i >= uint64_t(num_points) * trials.per_point) return;
+  const uint32_t path = wave.queues[from].paths[i / trials.per_point];
+  store_ray(wave.queues[from].rays + i, disc_probe(pass, wave.states[path].key, wave.points[path],
+                                                   trials.first + uint32_t(i % trials.per_point)));
+}
+
+}  // namespace
+
+void launch_begin_disc_trials(const EyeWave &wave, const PhotonPass &pass, uint32_t n, cudaStream_t stream)
+{
+  launch("kernel that begins trials of discs", begin_kernel, n, stream, wave, pass, n);
+}
+
+void launch_end_disc_trials(const EyeWave &wave, const PhotonPass &pass, int from, DiscTrials trials,
+                            uint32_t num_points, cudaStream_t stream)
+{
+  launch("kernel that ends trials of discs", end_kernel, num_points, stream, wave, pass, from, trials,
+         num_points);
+}
+
+void launch_aim_disc_trials(const EyeWave &wave, const PhotonPass &pass, int from, DiscTrials trials,
+                            uint32_t num_points, cudaStream_t stream)
+{
+  launch("kernel that aims trials of discs", aim_kernel, uint64_t(num_points) * trials.per_point, stream,
+         wave, pass, from, trials, num_points);
+}
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,50 @@
+// Eye paths on the device, part by part of a unit: where they gather, how much of the discs there lies on surfaces, the
+// gather and the film.
+#pragma once
+
+#include "cuda/photon/eye_paths.h"
+#include "cuda/photon/pass_queue.h"
+
+namespace gpurt::cuda {
+
+class EyeTracer {
+ public:
+  /// For up to `capacity` paths at a time. Throws OUT_OF_MEMORY.
+  EyeTracer(PassQueue &queue, uint32_t capacity);
+
+  uint32_t capacity() const { return capacity_; }
+  const VisiblePoint *points() const { return wave_.points; }
+
+  /// Follows n paths to their visible points. `film` takes what the eye rays met; its arrays may be null. False: cancelled.
+  bool trace_points(const PathSettings &settings, const EyePixels &pixels, const FilmView &film, uint32_t n);
+  /// Measures the discs of the points. False: cancelled.
+  bool measure_discs(const PhotonPass &pass, uint32_t n);
+  /// Adds what the points gather to sums[n]. False: cancelled.
+  bool gather(const PhotonGrid &grid, const PhotonPass &pass, PhotonSum *sums, uint32_t n);
+  /// Adds the paths to the film, of which all arrays are as trace_points had them but for `pixels`.
+  void add_samples(const PhotonPass &pass, const PhotonSum *sums, const FilmView &film, uint32_t n);
+
+  struct Counters {
+    uint64_t num_camera_rays = 0, num_bounce_rays = 0, num_shadow_rays = 0, num_gathered = 0, num_visible = 0;
+    float largest_sample = 0;
+  };
+  /// Of all that was done since the last call. Waits for it.
+  Counters take_counters();
+
+ private:
+  const EyeNumbers &read_numbers();
+  void clear_step();
+
+  PassQueue &queue_;
+  const uint32_t capacity_;
+  DeviceBuffer<std::byte> buffer_;
+  EyeWave wave_{};
+  Hit *hits_ = nullptr;
+  uint32_t *trace_scratch_ = nullptr;
+  PinnedBuffer pinned_;
+  void *host_ = nullptr;  // room for EyeNumbers
+  Counters counters_;
+  uint32_t gather_slice_;  // points of a launch
+};
+
+}  // namespace gpurt::cuda

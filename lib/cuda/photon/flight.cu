@@ -1,0 +1,113 @@
+// Emission and scattering of photons.
+#include "cuda/launch.h"
+#include "cuda/path/pool_places.h"
+#include "cuda/photon/flight.h"
+
+namespace gpurt::cuda {
+namespace {
+
+__global__ void __launch_bounds__(block_size)
+    emit_kernel(const __grid_constant__ PhotonFlight flight, const __grid_constant__ PhotonQueue queue,
+                uint32_t first, uint32_t slot, uint32_t n, FlightNumbers *numbers)
+{
+  const uint64_t i = thread_item();
+  bool is_missing = false;
+  if (i < n) {
+    const PhotonUnit &unit = flight.unit;
+    const uint32_t id = first + uint32_t(i), to = slot + uint32_t(i);
+    const SampleKey key = photon_key(unit.seed, unit.frame_index, unit.pass.index, unit.photons_per_pass, id);
+    EmittedPhoton photon{};
+    is_missing = !emit_photon(flight.scene, flight.emission, key, photon);
+    if (is_missing) {
+      photon.ray = {vec3(0.0f), 0.0f, vec3(0.0f), -1.0f};
+      photon.triangle = invalid_id;
+    }
+    queue.photons[to] = {photon.flux, id, key.seed, key.reversed_index, 0};
+    store_ray(queue.rays + to, photon.ray);
+    queue.left_out[to] = flight.leaves_out && photon.triangle != invalid_id
+                             ? leave_out(flight.scene, photon.ray, photon.triangle)
+                             : invalid_id;
+  }
+  const int num_missing = __syncthreads_count(is_missing);
+  if (threadIdx.x == 0 && num_missing != 0) atomicAdd(&numbers->missing, uint32_t(num_missing));
+}
+
+// What a photon makes, till it is known where it goes.
+struct MadePhotons {
+  Photon record;
+  Ray next;
+  bool has_record, has_next;
+};
+
+struct MadePhotonsSink {
+  MadePhotons &made;
+  __device__ void store(const Photon &record) const
+  {
+    made.record = record;
+    made.has_record = true;
+  }
+  __device__ void next(const Ray &ray) const
+  {
+    made.next = ray;
+    made.has_next = true;
+  }
+};
+
+__device__ __forceinline__ void store_record(Photon *to, const Photon &p)
+{
+  float4 *q = reinterpret_cast<float4 *>(to);
+  q[0] = make_float4(p.position.x, p.position.y, p.position.z, __uint_as_float(p.flux));
+  q[1] = make_float4(__uint_as_float(p.direction), __uint_as_float(p.normal), __uint_as_float(p.id),
+                     __uint_as_float(p.bounce));
+}
+
+__global__ void __launch_bounds__(block_size)
+    scatter_kernel(const __grid_constant__ PhotonFlight flight, const __grid_constant__ PhotonQueue from,
+                   const Hit *hits, uint32_t n, const __grid_constant__ PhotonQueue to, Photon *records,
+                   FlightNumbers *numbers)
+{
+  __shared__ uint32_t next_places[num_warps + 1], record_places[num_warps + 1];
+  const uint64_t i = thread_item();
+  MadePhotons made;
+  made.has_record = made.has_next = false;
+  PhotonState photon;
+  uint32_t triangle = invalid_id, num_hits = 0;
+  if (i < n) {
+    const Hit hit = hits[i];
+    triangle = hit.triangle;
+    if (triangle != invalid_id) {
+      const FlyingPhoton flying = from.photons[i];
+      photon = {flying.flux, flying.id, {flying.seed, flying.reversed_index}};
+      num_hits = flying.num_hits + 1;
+      PhotonVertex{flight.scene, flight.unit.max_depth, num_hits}.scatter(from.rays[i], hit, photon,
+                                                                          MadePhotonsSink{made});
+    }
+  }
+  const uint32_t record_place = take_place(made.has_record, &numbers->stored, record_places);
+  if (made.has_record) store_record(records + record_place, made.record);
+  const uint32_t next_place = take_place(made.has_next, &numbers->next, next_places);
+  if (made.has_next) {
+    to.photons[next_place] = {photon.flux, photon.id, photon.key.seed, photon.key.reversed_index, num_hits};
+    store_ray(to.rays + next_place, made.next);
+    to.left_out[next_place] =
+        flight.leaves_out ? leave_out(flight.scene, made.next, triangle) : invalid_id;
+  }
+}
+
+}  // namespace
+
+void launch_emit_photons(const PhotonFlight &flight, const PhotonQueue &queue, uint32_t first, uint32_t slot,
+                         uint32_t n, FlightNumbers *numbers, cudaStream_t stream)
+{
+  launch("kernel that emits photons", emit_kernel, n, stream, flight, queue, first, slot, n, numbers);
+}
+
+void launch_scatter_photons(const PhotonFlight &flight, const PhotonQueue &from, const Hit *hits, uint32_t n,
+                            const PhotonQueue &to, Photon *records, FlightNumbers *numbers,
+                            cudaStream_t stream)
+{
+  launch("kernel that scatters photons", scatter_kernel, n, stream, flight, from, hits, n, to, records,
+         numbers);
+}
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,33 @@
+// What the parts of a photon mapping pass share: the scene, a stream, and how rays of a queue are traced.
+#pragma once
+
+#include <atomic>
+
+#include "cuda/accel/near.h"
+#include "cuda/photon/lap_clock.h"
+
+namespace gpurt::cuda {
+
+/// One stream of passes; everything that is queued goes on it.
+struct PassQueue {
+  const TraceScene &scene;
+  std::shared_ptr<DeviceMemory> memory;
+  cudaStream_t stream;
+  const std::atomic<bool> *cancelled;  // or null
+  LapClock clock;
+
+  bool has_near() const { return has_near_kernels(scene); }
+  bool is_cancelled() const { return cancelled != nullptr && cancelled->load(std::memory_order_relaxed); }
+  void mark(PhotonLap lap) { clock.mark(stream, lap); }
+
+  /// Closest hits of n rays; `left_out` may be null.
+  void trace(const Ray *rays, uint32_t n, Hit *hits, Coherence coherence, const uint32_t *left_out,
+             uint32_t *scratch) const
+  {
+    RayOrder order;
+    if (has_near()) order = {coherence, 0, scratch, left_out, nullptr};
+    launch_closest(scene, rays, n, HitLayout::Internal, hits, order, stream);
+  }
+};
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,22 @@
+// Passes of photon mapping on the device.
+#pragma once
+
+#include "backend.h"
+#include "cuda/accel/kernels.h"
+#include "cuda/lanes.h"
+
+namespace gpurt::cuda {
+
+/// Samples that a unit may have: their film goes to the host at once.
+constexpr uint64_t most_photon_passes = 64;
+
+/// Renders the units of `pass`: for each sample the photons of that pass are traced once, into as many maps as memory asks
+/// for. Returns when all units are delivered or left out by cancellation. The device is current.
+void render_photons_on_device(const RenderPass &pass, const TraceScene &scene,
+                              const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes);
+
+PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionView &emission,
+                                   uint32_t num_photons, uint32_t points_per_axis, const TraceScene &scene,
+                                   const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes);
+
+}  // namespace gpurt::cuda
