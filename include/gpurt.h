@@ -992,7 +992,7 @@ typedef struct gpurt_tile {
 typedef enum gpurt_pipeline {
   GPURT_PIPELINE_AUTO = 0, /* path, until there is a planner */
   GPURT_PIPELINE_PATH = 1,
-  GPURT_PIPELINE_PHOTON = 2, /* this version: not on several devices that work as one: UNSUPPORTED */
+  GPURT_PIPELINE_PHOTON = 2,
   GPURT_PIPELINE_REYES = 3,  /* this version: on CPU devices, max_depth at most 2; else UNSUPPORTED */
   GPURT_PIPELINE_HYBRID = 4, /* this version: UNSUPPORTED */
   GPURT_PIPELINE_FORCE32 = 0x7fffffff

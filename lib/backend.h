@@ -193,8 +193,8 @@ class CommittedScene {
 inline void CommittedScene::require_photons() const
 {
   fail(GPURT_ERROR_UNSUPPORTED,
-       "GPURT_PIPELINE_PHOTON is not supported by several devices that work as one: each would trace all photons "
-       "of a pass; render frames of other samples (first_sample) on each of them and merge these");
+       "GPURT_PIPELINE_PHOTON is not supported by this device; use a CPU or CUDA device, or GPURT_PIPELINE_PATH "
+       "with more samples per pixel where caustics matter");
 }
 
 inline PhotonPilot CommittedScene::photon_pilot(const PathSettings &, const EmissionView &, uint32_t,

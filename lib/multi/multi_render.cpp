@@ -25,6 +25,7 @@ HostKdTree MultiScene::export_tree(uint32_t tree) const { return scenes_[0]->exp
 
 void MultiScene::render(const RenderPass &pass) const
 {
+  if (pass.photon != nullptr) return render_photons(pass);
   uint64_t smallest = 0;
   for (const auto &backend : members_->backends)
     smallest = std::max(smallest, min_paths_per_thread * backend->info().num_threads);

@@ -16,6 +16,10 @@ class MultiScene final : public CommittedScene, public StreamTracing {
   HostKdTree export_tree(uint32_t tree) const override;
   void render(const RenderPass &pass) const override;
   void require_reyes() const override { scenes_[0]->require_reyes(); }
+  void require_photons() const override { scenes_[0]->require_photons(); }
+  uint64_t most_photon_passes() const override { return scenes_.size() * scenes_[0]->most_photon_passes(); }
+  PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
+                           uint32_t points_per_axis) const override;
   void trace(const TraceRequest &request) const override;
   Schedule resolve_schedule(const Schedule &asked, ScheduleUse use) const override
   {
@@ -25,6 +29,7 @@ class MultiScene final : public CommittedScene, public StreamTracing {
                        void *done_event) const override;
 
  private:
+  void render_photons(const RenderPass &pass) const;
   void trace_each(const TraceRequest &request) const;
   void trace_all(const TraceRequest &request) const;
   size_t holder(const TraceRequest &request) const;

@@ -31,6 +31,8 @@ TITLES = {
     "cuda_bvh_double": "CUDA bvh, double",
     "cuda_bvh_moller_trumbore": "CUDA bvh, Möller-Trumbore",
     "photon_bvh": "photon mapping, bvh",
+    "cuda_photon_kdtree": "CUDA photon mapping, kd-tree",
+    "cuda_photon_bvh": "CUDA photon mapping, bvh",
 }
 INTRO = """# Stability
 

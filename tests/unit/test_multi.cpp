@@ -2,6 +2,7 @@
 // their device; memory that adds up. Devices are CPUs, or fakes that are slow, short of memory or broken.
 #include "accel_test.h"
 #include "cpu/factory.h"
+#include "frame/outputs.h"
 #include "multi/multi_backend.h"
 #include "multi/shared_work.h"
 #include "test_frame_fake.h"
@@ -202,6 +203,52 @@ TEST(SeveralDevices, NameTheOneThatFails)
   const auto broken = multi::join(std::move(members));
   EXPECT_TRUE(contains(message_of([&] { broken->commit(nullptr, {}); }, GPURT_ERROR_OUT_OF_MEMORY),
                        "CUDA device 3: no room"));
+}
+
+// Every device takes passes of its own; units come whole, each once.
+TEST(SeveralDevices, ShareOutPassesOfPhotonMapping)
+{
+  const FakeDevices one({0}), three({0, 0, 0});
+  const PhotonRequest photon{};
+  std::vector<WorkUnit> units;
+  for (uint32_t i = 0; i < 5; ++i) units.push_back({20 * i, 3 * i, 20 * i + 17, 3 * i + 9, i, 1 + 2 * i});
+  struct Delivered {
+    std::map<uint32_t, std::pair<WorkUnit, TileFilm>> units;
+    RenderCounters counters;
+  };
+  const auto render_units = [&](const FakeDevices &devices) {
+    Delivered delivered;
+    std::mutex mutex;
+    const std::atomic<bool> cancelled{false};
+    RenderPass pass;
+    pass.settings = {};
+    pass.outputs = all_outputs;
+    pass.units = units;
+    pass.photon = &photon;
+    pass.cancelled = &cancelled;
+    pass.deliver = [&](const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters) {
+      const std::lock_guard lock(mutex);
+      EXPECT_TRUE(delivered.units.emplace(unit.x0, std::pair(unit, film)).second) << "came twice";
+      add_counters(delivered.counters, counters);
+    };
+    devices.committed->render(pass);
+    return delivered;
+  };
+  const Delivered a = render_units(one), b = render_units(three);
+  ASSERT_EQ(b.units.size(), units.size());
+  for (const WorkUnit &u : units) {
+    const auto &[unit, film] = b.units.at(u.x0);
+    EXPECT_EQ(std::memcmp(&unit, &u, sizeof u), 0);
+    const TileFilm &expected = a.units.at(u.x0).second;
+    EXPECT_EQ(std::memcmp(film.pixels.data(), expected.pixels.data(), film.pixels.size() * sizeof(PixelSums)), 0);
+    EXPECT_EQ(std::memcmp(film.first_hits.data(), expected.first_hits.data(),
+                          film.first_hits.size() * sizeof(PixelFirstHit)),
+              0);
+  }
+  EXPECT_EQ(b.counters.num_samples, a.counters.num_samples);
+  EXPECT_EQ(b.counters.largest_sample, a.counters.largest_sample);
+  for (const auto &scene : three.scenes) EXPECT_GT(scene->num_units, 0);
+  EXPECT_EQ(three.committed->most_photon_passes(), 3u);
 }
 
 TEST(SeveralDevices, StopWhenCancelled)
