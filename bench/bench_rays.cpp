@@ -2,10 +2,11 @@
 // line a case.
 //
 //   bench_rays SCENE.tris PREFIX [--accel bvh,kdtree] [--repeats N] [--width PIXELS] [--only SET]
+//             [--traversal-cost X] [--empty-bonus X] [--fast]
 //
 // SCENE.tris is float32 [n][3][3]; PREFIX.SET.rays, with SET primary, ao, diffuse and random, is float32 [m][8] = origin,
 // tmin, direction, tmax. ao is answered as any hit, the others as closest hit. Hits of the first accelerator are compared
-// with those of every other, bit by bit.
+// with those of every other, bit by bit. The costs are the kd-tree builder's, --fast asks for GPURT_BUILD_QUALITY_FAST.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -43,6 +44,8 @@ std::vector<T> read_file(const std::string &path)
 struct Options {
   std::string scene, prefix, accels = "bvh,kdtree", only;
   int repeats = 12;
+  float traversal_cost = 0, empty_bonus = 0;
+  gpurt_build_quality quality = GPURT_BUILD_QUALITY_AUTO;
   uint32_t width = 0;
 };
 
@@ -153,6 +156,9 @@ int main(int argc, char **argv)
     else if (name == "--repeats" && has_value) options.repeats = std::max(1, std::atoi(argv[++i]));
     else if (name == "--width" && has_value) options.width = uint32_t(std::atoi(argv[++i]));
     else if (name == "--only" && has_value) options.only = argv[++i];
+    else if (name == "--traversal-cost" && has_value) options.traversal_cost = float(std::atof(argv[++i]));
+    else if (name == "--empty-bonus" && has_value) options.empty_bonus = float(std::atof(argv[++i]));
+    else if (name == "--fast") options.quality = GPURT_BUILD_QUALITY_FAST;
     else positional.push_back(name);
   }
   if (argc == 1) {
@@ -162,7 +168,7 @@ int main(int argc, char **argv)
   if (positional.size() != 2) {
     std::fprintf(stderr,
                  "usage: bench_rays SCENE.tris PREFIX [--accel bvh,kdtree] [--repeats N] [--width PIXELS] "
-                 "[--only SET]\n");
+                 "[--only SET] [--traversal-cost X] [--empty-bonus X] [--fast]\n");
     return 2;
   }
   options.scene = positional[0];
@@ -191,13 +197,17 @@ int main(int argc, char **argv)
   }
   gpurt_device_desc device_desc = GPURT_DEVICE_DESC_INIT;
   device_desc.type = GPURT_DEVICE_CUDA;
+  device_desc.log = [](void *, gpurt_log_level, const char *message) {
+    std::fprintf(stderr, "%s\n", message);
+  };
   gpurt_device device;
   check(gpurt_device_create(&device_desc, &device), "gpurt_device_create");
   gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
   check(gpurt_device_get_properties(device, &properties), "gpurt_device_get_properties");
   std::map<std::string, std::vector<char>> expected;
   for (const auto &[name, accel] :
-       {std::pair{"bvh", GPURT_ACCEL_BVH}, std::pair{"kdtree", GPURT_ACCEL_KDTREE}}) {
+       {std::pair{"bvh", GPURT_ACCEL_BVH}, std::pair{"kdtree", GPURT_ACCEL_KDTREE},
+        std::pair{"auto", GPURT_ACCEL_AUTO}}) {
     if (options.accels.find(name) == std::string::npos) continue;
     gpurt_scene scene;
     check(gpurt_scene_create(device, &scene), "gpurt_scene_create");
@@ -210,6 +220,11 @@ int main(int argc, char **argv)
     check(gpurt_scene_add_instance(scene, &instance, &id), "gpurt_scene_add_instance");
     gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
     build.accel = accel;
+    build.quality = options.quality;
+    if (accel == GPURT_ACCEL_KDTREE) {
+      build.traversal_cost = options.traversal_cost;
+      build.empty_bonus = options.empty_bonus;
+    }
     const auto start = std::chrono::steady_clock::now();
     check(gpurt_scene_commit(scene, &build), "gpurt_scene_commit");
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -218,10 +233,12 @@ int main(int argc, char **argv)
     std::printf(
         "{\"bench\": \"cuda_commit\", \"device\": \"%s\", \"scene\": \"%s\", \"accel\": \"%s\", "
         "\"triangles\": %zu, "
-        "\"commit_s\": %.3f, \"accel_bytes\": %llu, \"references\": %llu, \"nodes\": %llu}\n",
-        properties.name, options.scene.c_str(), name, corners.size() / 9, seconds,
-        (unsigned long long)facts.accel_bytes, (unsigned long long)facts.num_references,
-        (unsigned long long)facts.num_nodes);
+        "\"commit_s\": %.3f, \"accel_build_s\": %.4f, \"build_peak_bytes\": %llu, \"accel_bytes\": %llu, "
+        "\"references\": "
+        "%llu, \"nodes\": %llu}\n",
+        properties.name, options.scene.c_str(), name, corners.size() / 9, seconds, facts.accel_build_seconds,
+        (unsigned long long)facts.build_peak_bytes, (unsigned long long)facts.accel_bytes,
+        (unsigned long long)facts.num_references, (unsigned long long)facts.num_nodes);
     for (const RaySet &set : sets) bench_set(scene, properties.name, name, set, options, expected);
     check(gpurt_scene_release(scene), "gpurt_scene_release");
   }

@@ -477,7 +477,8 @@ GPURT_API gpurt_result gpurt_scene_get_camera(gpurt_scene scene, uint32_t camera
 
 typedef enum gpurt_accel {
   GPURT_ACCEL_AUTO =
-      0, /* CUDA: bvh; CPU: embree; either: kdtree where an imported tree or a setting of the kdtree is there */
+      0, /* CUDA: bvh, or kdtree where a probe of both expects it to be faster, as statistics say; CPU: embree;
+            either: kdtree where an imported tree or a setting of the kdtree is there */
   GPURT_ACCEL_KDTREE = 1, /* the same bits on every backend */
   GPURT_ACCEL_EMBREE = 2, /* CPU alone; not the same bits; rare leaks at vertices: docs/stability.md */
   GPURT_ACCEL_BVH = 3,    /* 2-wide, spatial splits; the same bits on every backend */
@@ -493,8 +494,9 @@ typedef enum gpurt_triangle_test {
 
 typedef enum gpurt_build_quality {
   GPURT_BUILD_QUALITY_AUTO = 0, /* HIGH: the same tree, and so the same bits, on every device */
-  GPURT_BUILD_QUALITY_FAST = 1, /* CUDA, bvh: large trees are built on the device, in milliseconds a million
-                                   triangles, and trace within a few percent of the best. A ray that grazes
+  GPURT_BUILD_QUALITY_FAST = 1, /* CUDA, bvh and kdtree: large trees are built on the device, in milliseconds
+                                   (kdtree: tens of them) a million triangles, and trace within a few percent of
+                                   the best. A ray that grazes
                                    triangles may meet another one of those within its rounding than it does on
                                    the CPU. Elsewhere as HIGH */
   GPURT_BUILD_QUALITY_HIGH = 2, /* the tree that traces fastest, built on the host's threads */

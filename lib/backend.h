@@ -67,6 +67,7 @@ struct BuildOptions {
 /// What a commit built, for gpurt_scene_facts.
 struct AccelFacts {
   Accel accel = Accel::Auto;  // resolved
+  std::string reason;         // why, where the backend resolved it; else empty
   TriangleTest triangle_test = TriangleTest::Watertight;
   uint64_t accel_bytes = 0;
   uint64_t num_nodes = 0;

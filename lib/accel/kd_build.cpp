@@ -78,10 +78,10 @@ class Builder {
           const std::shared_ptr<MemoryTracker> &memory)
       : source_(source), memory_(memory), kernels_(kd_build_kernels(isa_name()))
   {
-    cost_.traversal_cost = settings.traversal_cost > 0 ? settings.traversal_cost : default_traversal_cost;
+    cost_.traversal_cost = settings.traversal_cost > 0 ? settings.traversal_cost : kd_default_traversal_cost;
     cost_.empty_factor = 1.0f - (settings.empty_bonus < 0   ? 0.0f
                                  : settings.empty_bonus > 0 ? settings.empty_bonus
-                                                            : default_empty_bonus);
+                                                            : kd_default_empty_bonus);
     max_depth_ = settings.max_depth;
   }
 
@@ -102,11 +102,6 @@ class Builder {
   }
 
  private:
-  // Steps cost less than tests because leaves test four triangles at a time, and more than nothing because a step
-  // waits for memory. Flat optimum; see bench_trace.
-  static constexpr float default_traversal_cost = 2.0f;
-  static constexpr float default_empty_bonus = 0.15f;
-
   // Memory that a thread keeps from task to task.
   struct Scratch {
     KdSplitScratch split;

@@ -28,6 +28,11 @@ struct KdBuildStats {
   double sah_cost = 0;
 };
 
+// Steps cost less than tests because leaves test four triangles at a time, and more than nothing because a step waits for
+// memory. Flat optimum; see bench_trace.
+constexpr float kd_default_traversal_cost = 1.0f;
+constexpr float kd_default_empty_bonus = 0.2f;
+
 /// References of a tree are at most this many times the primitives.
 constexpr uint64_t kd_max_references_per_primitive = 8;
 

@@ -18,8 +18,8 @@ class TreesBuilder {
  public:
   TreesBuilder(const CompiledScene &scene, const BuildOptions &options,
                const std::shared_ptr<MemoryTracker> &memory,
-               const std::function<void(gpurt_log_level, const std::string &)> &log)
-      : scene_(scene), options_(options), memory_(memory), log_(log)
+               const std::function<void(gpurt_log_level, const std::string &)> &log, uint64_t most_triangles)
+      : scene_(scene), options_(options), memory_(memory), log_(log), most_triangles_(most_triangles)
   {}
 
   KdTrees build()
@@ -88,7 +88,7 @@ class TreesBuilder {
     tbb::parallel_for(size_t(0), num_groups + 1, [&](size_t g) {
       if (g == num_groups) {
         trees[g].tree = build_placement_tree(stats[g]);
-      } else if (!is_imported[g]) {
+      } else if (!is_imported[g] && scene_.groups[g].num_triangles <= most_triangles_) {
         trees[g].tree = build_kd_tree(source_of(g), settings, memory_, stats[g]);
       }
       trees[g].sah_cost = stats[g].sah_cost;
@@ -159,6 +159,7 @@ class TreesBuilder {
   const BuildOptions &options_;
   const std::shared_ptr<MemoryTracker> &memory_;
   const std::function<void(gpurt_log_level, const std::string &)> &log_;
+  const uint64_t most_triangles_;
   AccelFacts facts_;
 };
 
@@ -166,9 +167,10 @@ class TreesBuilder {
 
 KdTrees build_kd_trees(const CompiledScene &scene, const BuildOptions &options,
                        const std::shared_ptr<MemoryTracker> &memory,
-                       const std::function<void(gpurt_log_level, const std::string &)> &log)
+                       const std::function<void(gpurt_log_level, const std::string &)> &log,
+                       uint64_t most_triangles)
 {
-  return TreesBuilder(scene, options, memory, log).build();
+  return TreesBuilder(scene, options, memory, log, most_triangles).build();
 }
 
 size_t group_of_tree(const CompiledScene &scene, uint32_t tree)

@@ -5,6 +5,8 @@
 
 #include "cuda/accel/device_bvh_accel.h"
 #include "cuda/accel/device_kd_accel.h"
+#include "cuda/accel/near.h"
+#include "cuda/accel/probe_trees.h"
 #include "cuda/accel/query.h"
 #include "cuda/accel/schedule/tracer.h"
 #include "cuda/device_scene.h"
@@ -23,7 +25,13 @@ namespace {
 constexpr uint32_t min_compute_capability = 75;
 
 // Trees of fewer triangles are built on the host: the device takes a few milliseconds for the smallest.
-constexpr uint64_t max_host_bvh_triangles = 2048;
+constexpr uint64_t max_host_bvh_triangles = 2048, max_host_kd_triangles = 2048;
+
+// Scenes whose trees are compared where the accelerator is left to the device: in smaller ones there is little to gain, and
+// in larger ones both trees would take too much memory and time.
+constexpr uint64_t min_probed_triangles = 20000, max_probed_triangles = 16u << 20;
+constexpr uint32_t num_probe_rays = 1u << 14;
+constexpr double min_gain = 0.95;
 
 // What scenes, frames and jobs of a device share; scenes keep it alive.
 struct SharedDevice {
@@ -35,10 +43,24 @@ struct SharedDevice {
 class CudaScene final : public CommittedScene, public StreamTracing {
  public:
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
-            const KdTrees &trees)
-      : CudaScene(std::move(device), std::move(compiled), trees.facts, kd_trees_, trees)
+            const KdTrees &trees, uint64_t most_host_triangles, const DeviceKdSettings &settings)
+      : CudaScene(std::move(device), std::move(compiled), trees.facts, kd_trees_, trees, most_host_triangles,
+                  settings)
   {
+    uint64_t built_bytes = 0;
+    for (const DeviceKdTree &tree : kd_trees_->built()) {
+      facts_.num_nodes += tree.num_nodes;
+      facts_.num_references += tree.num_references;
+      facts_.tree_depth = std::max(facts_.tree_depth, tree.depth);
+      facts_.sah_cost += tree.sah_cost;
+      facts_.build_seconds += tree.seconds;
+      // What was built before stays.
+      facts_.build_peak_bytes = std::max(facts_.build_peak_bytes, built_bytes + tree.peak_bytes);
+      built_bytes += tree.nodes.bytes() + tree.references.bytes();
+    }
     trace_scene_.kd_trees = kd_trees_->view();
+    trace_scene_.near_kd = kd_trees_->world();
+    trace_scene_.near_triangles = trace_scene_.near_kd.triangles;
   }
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
             const BvhTrees &trees, uint64_t most_host_triangles, const DeviceBvhAccel *previous)
@@ -60,6 +82,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
       built_bytes += tree.nodes.bytes() + tree.triangles.bytes();
     }
     trace_scene_.world = bvhs_->world();
+    trace_scene_.near_triangles = trace_scene_.world.triangles;
   }
 
   ~CudaScene() override
@@ -73,6 +96,9 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   const AccelFacts &accel_facts() const override { return facts_; }
   /// Null for kd-trees.
   const DeviceBvhAccel *bvhs() const { return bvhs_ ? &*bvhs_ : nullptr; }
+  const DeviceKdAccel *kd_trees() const { return kd_trees_ ? &*kd_trees_ : nullptr; }
+  const TraceScene &trace_scene() const { return trace_scene_; }
+  void set_reason(std::string reason) { facts_.reason = std::move(reason); }
 
   void trace(const TraceRequest &request) const override
   {
@@ -171,7 +197,14 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
       fail(GPURT_ERROR_UNSUPPORTED,
            "embree is an accelerator of the CPU; on a CUDA device use GPURT_ACCEL_BVH or GPURT_ACCEL_KDTREE");
     }
-    return options.accel == Accel::Bvh ? commit_bvhs(scene, options) : commit_kd_trees(scene, options);
+    switch (options.accel) {
+      case Accel::Bvh:
+        return commit_bvhs(scene, options);
+      case Accel::KdTree:
+        return commit_kd_trees(scene, options);
+      default:
+        return commit_either(scene, options);
+    }
   }
 
   std::shared_ptr<const PhotonMap> make_photon_map(const PhotonMapRequest &request) override
@@ -253,8 +286,61 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
       fail_invalid("ordinal is {}, but the device is CUDA device {}", ordinal, device_->info.ordinal);
   }
 
-  std::shared_ptr<const CommittedScene> commit_bvhs(const std::shared_ptr<const CompiledScene> &scene,
-                                                    const BuildOptions &options)
+  // The tree that a probe expects to be faster; a bvh, where there is nothing to compare.
+  std::shared_ptr<const CommittedScene> commit_either(const std::shared_ptr<const CompiledScene> &scene,
+                                                      const BuildOptions &options)
+  {
+    const std::shared_ptr<CudaScene> bvh = commit_bvhs(scene, options);
+    const uint64_t num_triangles = scene->groups.empty() ? 0 : scene->groups[0].num_triangles;
+    const auto keep = [&](std::string why) {
+      bvh->set_reason(std::move(why));
+      return bvh;
+    };
+    if (options.quality == BuildQuality::Fast) return keep("built in the least time, and refitted");
+    if (num_triangles < min_probed_triangles || num_triangles > max_probed_triangles)
+      return keep(fmt::format("scenes of {} to {} triangles in world space are probed, this one has {}",
+                              min_probed_triangles, max_probed_triangles, num_triangles));
+    if (!has_near_kernels(bvh->trace_scene()))
+      return keep(
+          "the fast kernels of kd-trees serve neither alpha masks nor placements nor other triangle tests");
+    try {
+      BuildOptions fast = options;
+      fast.quality = BuildQuality::Fast;
+      const std::shared_ptr<CudaScene> kd_tree = commit_kd_trees(scene, fast);
+      TreeWork work[2];
+      {
+        const DeviceScope scope(device_->memory->ordinal());
+        const LaneLease lane = device_->lanes.acquire();
+        const DeviceBuffer<TreeWork> counted(device_->memory, 2, "a probe's counters");
+        const WaitAtEnd wait(lane->stream());
+        launch_probe_trees(bvh->trace_scene(), kd_tree->trace_scene(), uint32_t(num_triangles),
+                           num_probe_rays, counted.data(), lane->stream());
+        check(cudaMemcpyAsync(work, counted.data(), sizeof work, cudaMemcpyDeviceToHost, lane->stream()),
+              "cudaMemcpyAsync");
+        lane->synchronize();
+      }
+      const double time[2] = {expected_time(work[0], false), expected_time(work[1], true)};
+      const auto mean = [](unsigned long long sum, unsigned long long n) { return double(sum) / double(n); };
+      const std::string found = fmt::format(
+          "a probe of {} rays expects the kd-tree to take {:.2f} of the bvh's time: {:.1f} steps, {:.1f} "
+          "leaves and "
+          "{:.1f} tests a ray against {:.1f}, {:.1f} and {:.1f}",
+          work[1].rays, time[1] / time[0], mean(work[1].nodes, work[1].rays),
+          mean(work[1].leaves, work[1].rays), mean(work[1].triangles, work[1].rays),
+          mean(work[0].nodes, work[0].rays), mean(work[0].leaves, work[0].rays),
+          mean(work[0].triangles, work[0].rays));
+      // It takes several times the memory, too.
+      if (!(time[1] < min_gain * time[0])) return keep(found);
+      kd_tree->set_reason(found);
+      return kd_tree;
+    } catch (const Error &error) {
+      if (error.result() != GPURT_ERROR_OUT_OF_MEMORY && error.result() != GPURT_ERROR_UNSUPPORTED) throw;
+      return keep(fmt::format("there was no room for a kd-tree to probe: {}", error.what()));
+    }
+  }
+
+  std::shared_ptr<CudaScene> commit_bvhs(const std::shared_ptr<const CompiledScene> &scene,
+                                         const BuildOptions &options)
   {
     const uint64_t most_host_triangles =
         options.quality == BuildQuality::Fast ? max_host_bvh_triangles : UINT64_MAX;
@@ -279,13 +365,25 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
     return committed;
   }
 
-  std::shared_ptr<const CommittedScene> commit_kd_trees(const std::shared_ptr<const CompiledScene> &scene,
-                                                        const BuildOptions &options)
+  std::shared_ptr<CudaScene> commit_kd_trees(const std::shared_ptr<const CompiledScene> &scene,
+                                             const BuildOptions &options)
   {
+    // Trees that come from elsewhere, or go to a cache, are the host's.
+    const bool is_fast =
+        options.quality == BuildQuality::Fast && options.imported.empty() && options.cache_path.empty();
+    const uint64_t most_host_triangles = is_fast ? max_host_kd_triangles : UINT64_MAX;
     const auto start = std::chrono::steady_clock::now();
-    KdTrees trees = build_kd_trees(*scene, options, nullptr, log_);
+    KdTrees trees = build_kd_trees(*scene, options, nullptr, log_, most_host_triangles);
     trees.facts.build_seconds = seconds_since(start);
-    return std::make_shared<CudaScene>(device_, scene, trees);
+    const DeviceKdSettings settings = {options.max_depth, options.traversal_cost, options.empty_bonus};
+    const auto committed = std::make_shared<CudaScene>(device_, scene, trees, most_host_triangles, settings);
+    for (const DeviceKdTree &tree : committed->kd_trees()->built()) {
+      if (!log_) break;
+      log_(GPURT_LOG_INFO,
+           fmt::format("a kd-tree of {} references was built on the device in {:.2f} ms; it held {} bytes",
+                       tree.num_references, tree.seconds * 1e3, tree.peak_bytes));
+    }
+    return committed;
   }
 
   static double seconds_since(std::chrono::steady_clock::time_point start)

@@ -41,7 +41,8 @@ void choose_accel(const gpurt_build_desc &desc, const DeviceInfo &device, bool h
   if (has_imported_trees) return choose(Accel::KdTree, "a tree was imported");
   if (const char *setting = kd_tree_setting(desc))
     return choose(Accel::KdTree, fmt::format("{} is set", setting));
-  if (is_cuda) return choose(Accel::Bvh, "the fastest on CUDA devices");
+  // The backend compares trees of the scene, and says why.
+  if (is_cuda) return choose(Accel::Auto, "of a CUDA device's choice");
   if (desc.triangle_test == GPURT_TRIANGLE_DOUBLE)
     return choose(Accel::KdTree, "embree has no double triangle test");
   choose(Accel::Embree, "the fastest on CPUs");

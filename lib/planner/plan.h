@@ -10,8 +10,8 @@ namespace gpurt {
 
 /// How a commit builds, and why.
 struct BuildPlan {
-  BuildOptions options;               // the accelerator is resolved
-  std::string reason;                 // of the accelerator
+  BuildOptions options;  // the accelerator is resolved, but where the backend has to look at the scene
+  std::string reason;    // of the accelerator
   std::vector<std::string> warnings;  // settings that have no effect with this accelerator
 };
 

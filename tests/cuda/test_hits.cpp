@@ -3,6 +3,7 @@
 // The bodies take two devices. Without a GPU they compare one CPU thread with all of them, on fewer rays.
 #include <chrono>
 #include <cstdio>
+#include <limits>
 #include <thread>
 
 #include "scenes.h"
@@ -356,10 +357,10 @@ void expect_nearly_same_hits(const ScenePair &scenes, uint64_t num_rays)
   EXPECT_GT(num_hits, num_rays / 25);
 }
 
-void commit_fast(gpurt_scene scene)
+void commit_fast(gpurt_scene scene, gpurt_accel accel = GPURT_ACCEL_BVH)
 {
   gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
-  desc.accel = GPURT_ACCEL_BVH;
+  desc.accel = accel;
   desc.quality = GPURT_BUILD_QUALITY_FAST;
   GPURT_EXPECT_OK(gpurt_scene_commit(scene, &desc));
 }
@@ -392,6 +393,65 @@ TEST(CudaFastBvhs, HitWhatTheCpusHit)
     EXPECT_LE(facts.tree_depth, 64u);
     expect_nearly_same_hits(scenes, amount(1'000'000, 20'000));
     compare_all_hits(scenes, amount(50'000, 2'000));
+  }
+}
+
+TEST(CudaFastKdTrees, HitWhatTheCpusHit)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const DevicePair devices = cpu_and_cuda();
+  for (const TestScene &content : test_scenes()) {
+    SCOPED_TRACE(content.name);
+    const ScenePair scenes = make_scenes(devices, content, GPURT_TRIANGLE_WATERTIGHT, GPURT_ACCEL_KDTREE);
+    const gpurt_scene_facts host = facts_of(scenes.tested);
+    EXPECT_EQ(host.build_peak_bytes, 0u);
+    commit_fast(scenes.tested, GPURT_ACCEL_KDTREE);
+    const gpurt_scene_facts facts = facts_of(scenes.tested);
+    EXPECT_EQ(facts.build_peak_bytes != 0, content.name != "city");
+    EXPECT_LT(facts.sah_cost, host.sah_cost * 1.05);
+    EXPECT_GE(facts.num_references, facts.num_triangles * 9 / 10);
+    EXPECT_LE(facts.tree_depth, 48u);
+    expect_nearly_same_hits(scenes, amount(1'000'000, 20'000));
+    compare_all_hits(scenes, amount(50'000, 2'000));
+  }
+}
+
+// Kernels for rays that go together and for rays that do not: enough rays for either to be taken.
+TEST(CudaCoherence, DoesNotChangeHits)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const DevicePair devices = cpu_and_cuda();
+  for (const gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH}) {
+    SCOPED_TRACE(accel == GPURT_ACCEL_BVH ? "bvh" : "kdtree");
+    const ScenePair scenes = make_scenes(devices, test_scenes()[0], GPURT_TRIANGLE_WATERTIGHT, accel);
+    std::vector<gpurt_ray> rays = make_rays(scenes.targets, 0, 300'000);
+    rays[7].origin[0] = 1e20f;  // far away: not for the fast kernels
+    rays[1000].direction[1] = std::numeric_limits<float>::quiet_NaN();
+    gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+    desc.num_rays = rays.size();
+    desc.rays = rays.data();
+    const auto run = [&](gpurt_scene scene, gpurt_query query, gpurt_coherence coherence) {
+      std::vector<gpurt_hit> hits(query == GPURT_QUERY_CLOSEST ? rays.size() : 0);
+      std::vector<uint8_t> occluded(query == GPURT_QUERY_ANY ? rays.size() : 0);
+      desc.query = query;
+      desc.hits = hits.data();
+      desc.occluded = occluded.data();
+      if (query == GPURT_QUERY_CLOSEST) desc.occluded = nullptr;
+      else desc.hits = nullptr;
+      desc.coherence = coherence;
+      GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
+      return std::pair(hits, occluded);
+    };
+    const auto closest = run(scenes.reference, GPURT_QUERY_CLOSEST, GPURT_COHERENCE_AUTO).first;
+    const auto any = run(scenes.reference, GPURT_QUERY_ANY, GPURT_COHERENCE_AUTO).second;
+    for (const gpurt_coherence coherence :
+         {GPURT_COHERENCE_COHERENT, GPURT_COHERENCE_INCOHERENT, GPURT_COHERENCE_AUTO}) {
+      const auto tested = run(scenes.tested, GPURT_QUERY_CLOSEST, coherence).first;
+      uint64_t num_different = 0;
+      for (size_t i = 0; i < rays.size(); ++i) num_different += !same_bits(tested[i], closest[i]);
+      EXPECT_EQ(num_different, 0u) << "coherence " << coherence;
+      EXPECT_TRUE(run(scenes.tested, GPURT_QUERY_ANY, coherence).second == any) << "coherence " << coherence;
+    }
   }
 }
 

@@ -3,6 +3,7 @@
 
 #include "cuda/accel/build/refit.h"
 #include "cuda/lanes.h"
+#include "device_mesh.h"
 #include "device_meshes.h"
 
 namespace gpurt {
@@ -11,38 +12,6 @@ namespace {
 using namespace test;
 using cuda::DeviceBvh;
 using cuda::DeviceMemory;
-
-bool has_cuda()
-{
-  int count = 0;
-  const bool found = cudaGetDeviceCount(&count) == cudaSuccess && count > 0;
-  (void)cudaGetLastError();
-  return found;
-}
-
-// A mesh in device memory, as a scene of one group.
-struct DeviceMesh {
-  DeviceMesh(const Mesh &mesh, const std::shared_ptr<DeviceMemory> &memory, cudaStream_t stream)
-      : positions(cuda::upload(memory, std::span<const Vec3f>(mesh.positions), "positions", stream)),
-        indices(cuda::upload(memory, std::span<const UInt3>(mesh.triangles), "indices", stream)),
-        triangle_segments(
-            cuda::upload(memory, std::span<const uint32_t>(std::vector<uint32_t>(mesh.triangles.size())),
-                         "segments of triangles", stream)),
-        segments(cuda::upload(memory, std::span<const Segment>(std::vector<Segment>(1)), "segments", stream))
-  {
-    view.positions = positions.data();
-    view.indices = indices.data();
-    view.triangle_segment = triangle_segments.data();
-    view.segments = segments.data();
-    group.num_triangles = uint32_t(mesh.triangles.size());
-  }
-  cuda::DeviceBuffer<Vec3f> positions;
-  cuda::DeviceBuffer<UInt3> indices;
-  cuda::DeviceBuffer<uint32_t> triangle_segments;
-  cuda::DeviceBuffer<Segment> segments;  // one: the mesh
-  SceneView view{};
-  Group group{};
-};
 
 HostBvh download(const DeviceBvh &tree)
 {

@@ -1,7 +1,5 @@
 // The kd-tree's structure: what builders promise whatever the input.
-#include "accel/kd_build.h"
-#include "accel/kd_check.h"
-#include "accel_test.h"
+#include "kd_soundness.h"
 
 namespace gpurt {
 namespace {
@@ -18,53 +16,6 @@ HostKdTree build(const Mesh &mesh, KdBuildStats &stats, int num_threads = 2, KdB
   tbb::task_arena arena(num_threads);
   arena.execute([&] { tree = build_kd_tree(source, settings, std::make_shared<MemoryTracker>(0), stats); });
   return tree;
-}
-
-void expect_sound(const Mesh &mesh, const HostKdTree &tree, const KdBuildStats &stats)
-{
-  const uint32_t depth = check_kd_tree(tree, mesh.triangles.size(), [&](uint32_t t) {
-    const UInt3 c = mesh.triangles[t];
-    return extend(extend(extend(empty_box(), mesh.positions[c.x]), mesh.positions[c.y]), mesh.positions[c.z]);
-  });
-  EXPECT_EQ(depth, stats.depth);
-  EXPECT_LE(depth, uint32_t(kd_max_depth));
-  EXPECT_LE(tree.references.size(), 8 * mesh.triangles.size());
-}
-
-// Every point of every triangle lies in a closed cell whose leaf holds it.
-void expect_complete(const Mesh &mesh, const HostKdTree &tree, Random &rng, int points_per_triangle)
-{
-  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    const UInt3 c = mesh.triangles[t];
-    const Vec3f a = mesh.positions[c.x], b = mesh.positions[c.y], d = mesh.positions[c.z];
-    if (is_degenerate(a, b, d)) continue;
-    for (int i = 0; i < points_per_triangle; ++i) {
-      float u = rng.uniform(0, 1), v = rng.uniform(0, 1);
-      if (i % 4 == 0) u = 0;
-      if (i % 8 == 0) v = 1;
-      if (u + v > 1) u = 1 - u, v = 1 - v;
-      // In double, and cells are met with room for this point's own rounding.
-      double p[3], slack = 0;
-      for (int k = 0; k < 3; ++k) {
-        p[k] = at(a, k) + u * (double(at(b, k)) - at(a, k)) + v * (double(at(d, k)) - at(a, k));
-        slack = std::max(slack, std::abs(p[k]));
-      }
-      slack *= 1e-12;
-      bool is_found = false;
-      std::vector<uint32_t> todo = {0};
-      while (!todo.empty() && !is_found) {
-        const KdNode n = tree.nodes[todo.back()];
-        todo.pop_back();
-        if (is_leaf(n)) {
-          for (uint32_t r = 0; r < payload(n); ++r) is_found |= tree.references[n.word + r] == t;
-        } else {
-          if (p[axis(n)] <= plane(n) + slack) todo.push_back(payload(n));
-          if (p[axis(n)] >= plane(n) - slack) todo.push_back(payload(n) + 1);
-        }
-      }
-      ASSERT_TRUE(is_found) << "triangle " << t << " at " << p[0] << " " << p[1] << " " << p[2];
-    }
-  }
 }
 
 TEST(KdBuild, LeavesHoldWhatLiesInTheirCells)

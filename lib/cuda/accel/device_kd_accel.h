@@ -2,7 +2,8 @@
 #pragma once
 
 #include "accel/kd_trees.h"
-#include "core/accel/kd_accel.h"
+#include "core/accel/near_kd.h"
+#include "cuda/accel/build/kd_builder.h"
 #include "cuda/device_memory.h"
 
 namespace gpurt::cuda {
@@ -10,31 +11,37 @@ namespace gpurt::cuda {
 class DeviceKdAccel {
  public:
   /// Copies the trees of the scene's groups and the one over its placements, and gathers the triangles of the
-  /// leaves on the device from `view`, which lies there. Throws OUT_OF_MEMORY.
+  /// leaves on the device from `view`, which lies there. Trees of groups with more than `most_host_triangles` are built
+  /// here, on the device. Throws OUT_OF_MEMORY, UNSUPPORTED.
   DeviceKdAccel(const CompiledScene &scene, const SceneView &view, const KdTrees &trees,
+                uint64_t most_host_triangles, const DeviceKdSettings &settings,
                 const std::shared_ptr<DeviceMemory> &memory, cudaStream_t stream);
 
   /// Pointers to device memory, valid while this lives.
   const KdAccelView &view() const { return view_; }
+  /// Group 0, which holds what lies in world space.
+  const NearKdView &world() const { return world_; }
   uint64_t bytes() const;
   /// Copies the tree of a group back.
   HostKdTree download(size_t group, cudaStream_t stream) const;
+  /// What was built on the device, in the order of groups.
+  const std::vector<DeviceKdTree> &built() const { return built_; }
 
  private:
-  // All trees lie one behind the other in the same arrays.
   struct Tree {
-    uint64_t first_node, num_nodes, first_reference, num_references;
-    uint64_t num_triangles;
-    Box bounds;
+    KdTreeView view;
+    uint64_t num_references, num_triangles;
   };
-  KdTreeView tree_view(const Tree &tree) const;
 
   std::vector<Tree> trees_;
+  // The host's trees lie one behind the other in the same arrays, and the triangles of all trees' leaves.
   DeviceBuffer<KdNode> nodes_;
   DeviceBuffer<uint32_t> references_;
   DeviceBuffer<LeafTriangle> triangles_;
   DeviceBuffer<KdGroupView> groups_;
+  std::vector<DeviceKdTree> built_;
   KdAccelView view_{};
+  NearKdView world_{};
 };
 
 }  // namespace gpurt::cuda

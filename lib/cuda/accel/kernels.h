@@ -6,6 +6,7 @@
 #include "core/accel/bvh_accel.h"
 #include "core/accel/hit_ids.h"
 #include "core/accel/kd_accel.h"
+#include "core/accel/near_kd.h"
 #include "core/scene/scene_view.h"
 
 namespace gpurt::cuda {
@@ -14,9 +15,11 @@ namespace gpurt::cuda {
 struct TraceScene {
   KdAccelView kd_trees;
   BvhAccelView bvhs;
-  bool has_bvhs;       // else kd-trees
-  BvhGroupView world;  // of bvhs.groups[0]
-  int num_sms;         // of the device
+  bool has_bvhs;                       // else kd-trees
+  BvhGroupView world;                  // of bvhs.groups[0]
+  NearKdView near_kd;                  // of kd_trees.groups[0]
+  const LeafTriangle *near_triangles;  // that the fast kernels name, of either
+  int num_sms;                         // of the device
   SceneView scene;
   TriangleTest triangle_test;
 };

@@ -11,22 +11,28 @@ constexpr uint32_t min_refill_rays = 1u << 18;
 constexpr uint32_t header_words = 64;
 
 // The general way.
-template <TraceQuery Query>
+template <TraceQuery Query, bool Bvh>
 __device__ __noinline__ void trace_general(const TraceScene &s, const NearBatch &batch, uint32_t i)
 {
+  const auto &accel = [&]() -> const auto &
+  {
+    if constexpr (Bvh) return s.bvhs;
+    else return s.kd_trees;
+  }
+  ();
   const Ray ray = load_ray(batch.rays, i, batch.aligned_rays);
   if constexpr (Query == TraceQuery::Any) {
     static_cast<uint8_t *>(batch.results)[i] =
-        trace_any<TriangleTest::Watertight, false, false>(s.bvhs, s.scene, ray) ? 1 : 0;
+        trace_any<TriangleTest::Watertight, false, false>(accel, s.scene, ray) ? 1 : 0;
   } else {
-    const Hit hit = trace_closest<TriangleTest::Watertight, false, false>(s.bvhs, s.scene, ray);
+    const Hit hit = trace_closest<TriangleTest::Watertight, false, false>(accel, s.scene, ray);
     store_closest(s, batch, i, hit,
                   hit.triangle == invalid_id ? invalid_id : primitive_of(s.scene, hit.triangle));
   }
 }
 
 // Measures the candidates of a ray and writes its hit, the nearest of them.
-template <TraceQuery Query, class Reference>
+template <TraceQuery Query, bool Bvh, class Reference>
 __device__ __forceinline__ void measure_candidates(const TraceScene &s, const NearBatch &batch, uint32_t i,
                                                    uint32_t count, Reference &&reference)
 {
@@ -37,15 +43,15 @@ __device__ __forceinline__ void measure_candidates(const TraceScene &s, const Ne
   for (uint32_t c = 0; c < count; ++c) {
     const uint32_t candidate = reference(c);
     if (candidate == no_candidate) break;
-    const LeafTriangle x = load_triangle(s.world.triangles, candidate);
+    const LeafTriangle x = load_triangle(s.near_triangles, candidate);
     TriangleHit hit;
-    if (!measure(x, ray, hit, is_clear)) continue;
+    if (!measure(s, x, ray, hit, is_clear)) continue;
     if (best.triangle != invalid_id && (hit.t > best.t || (hit.t == best.t && x.triangle > best.triangle)))
       continue;
     best = {hit.t, hit.u, hit.v, x.triangle, invalid_id};
     primitive = x.primitive;
   }
-  if (!is_clear) trace_general<Query>(s, batch, i);
+  if (!is_clear) trace_general<Query, Bvh>(s, batch, i);
   else if (Query == TraceQuery::Any)
     static_cast<uint8_t *>(batch.results)[i] = best.triangle != invalid_id ? 1 : 0;
   else store_closest(s, batch, i, best, primitive);
@@ -89,7 +95,7 @@ __global__ void __launch_bounds__(block_size, 8)
   finish_closest(s, batch, uint32_t(i), pending);
 }
 
-template <TraceQuery Query>
+template <TraceQuery Query, bool Bvh>
 __global__ void __launch_bounds__(block_size, 8)
     finish_kernel(const __grid_constant__ TraceScene s, const __grid_constant__ NearBatch batch)
 {
@@ -97,14 +103,14 @@ __global__ void __launch_bounds__(block_size, 8)
   const uint32_t num_groups = min(*batch.num_groups, batch.group_capacity);
   for (uint32_t k = thread; k < num_groups; k += num_threads) {
     const CandidateGroup &group = batch.groups[k];
-    measure_candidates<Query>(s, batch, group.ray, max_candidates,
-                              [&](uint32_t c) { return group.references[c]; });
+    measure_candidates<Query, Bvh>(s, batch, group.ray, max_candidates,
+                                   [&](uint32_t c) { return group.references[c]; });
   }
   const uint32_t num_listed = *batch.num_listed;
   const bool is_complete = num_listed <= batch.list_capacity;
   const uint32_t n = is_complete ? num_listed : batch.num_rays;
   for (uint32_t k = thread; k < n; k += num_threads)
-    trace_general<Query>(s, batch, is_complete ? batch.listed[k] : k);
+    trace_general<Query, Bvh>(s, batch, is_complete ? batch.listed[k] : k);
 }
 
 // How the words of a batch's scratch memory are shared out.
@@ -138,12 +144,13 @@ void launch_near_finish(const TraceScene &scene, TraceQuery query, const NearBat
                         cudaStream_t stream)
 {
   const uint64_t num_threads = std::min<uint64_t>(batch.num_rays, uint64_t(scene.num_sms) * 8 * block_size);
-  if (query == TraceQuery::Any)
-    launch("kernel that finishes any hits", finish_kernel<TraceQuery::Any>, num_threads, stream, scene,
-           batch);
-  else
-    launch("kernel that finishes closest hits", finish_kernel<TraceQuery::Closest>, num_threads, stream,
-           scene, batch);
+  const bool is_any = query == TraceQuery::Any;
+  const auto kernel =
+      scene.has_bvhs
+          ? (is_any ? finish_kernel<TraceQuery::Any, true> : finish_kernel<TraceQuery::Closest, true>)
+          : (is_any ? finish_kernel<TraceQuery::Any, false> : finish_kernel<TraceQuery::Closest, false>);
+  launch(is_any ? "kernel that finishes any hits" : "kernel that finishes closest hits", kernel, num_threads,
+         stream, scene, batch);
 }
 
 void launch_near(const TraceScene &scene, TraceQuery query, const Ray *rays, uint32_t num_rays,
@@ -170,15 +177,18 @@ void launch_near(const TraceScene &scene, TraceQuery query, const Ray *rays, uin
   batch.list_capacity = uint32_t(layout_of.list_capacity);
   check(cudaMemsetAsync(order.scratch, 0, header_words * sizeof(uint32_t), stream), "cudaMemsetAsync");
   Coherence coherence = num_rays < min_refill_rays ? Coherence::Coherent : order.coherence;
+  // In a kd-tree refilling pays for rays alone that start apart as well, which a look at directions does not tell.
+  if (coherence == Coherence::Auto && !scene.has_bvhs) coherence = Coherence::Coherent;
   if (coherence == Coherence::Auto) {
     uint32_t *const probed = order.scratch + 3;
     launch_near_probe(batch, probed, stream);
     batch.probed = probed;
   }
   // Where the kernels look at what was found, those for the other order end at once.
-  if (coherence != Coherence::Incoherent) launch_near_plain(scene, query, batch, order.width, stream);
+  if (coherence != Coherence::Incoherent)
+    (scene.has_bvhs ? launch_near_plain : launch_near_kd_plain)(scene, query, batch, order.width, stream);
   if (coherence != Coherence::Coherent) {
-    launch_near_refill(scene, query, batch, stream);
+    (scene.has_bvhs ? launch_near_refill : launch_near_kd_refill)(scene, query, batch, stream);
     if (query == TraceQuery::Closest) launch_near_measure(scene, batch, stream);
   }
   launch_near_finish(scene, query, batch, stream);

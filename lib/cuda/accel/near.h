@@ -1,4 +1,4 @@
-// The bvh's fast kernels as host code calls them: closest and any hits of scenes without placements and alpha masks, by the
+// The fast kernels of bvhs and kd-trees as host code calls them: closest and any hits of scenes without placements and alpha masks, by the
 // watertight test.
 #pragma once
 
@@ -38,9 +38,9 @@ struct NearBatch {
 /// Whether the fast kernels can trace the scene.
 inline bool has_near_kernels(const TraceScene &scene)
 {
-  return scene.has_bvhs && scene.triangle_test == TriangleTest::Watertight &&
-         scene.scene.num_placements == 0 && !scene.scene.has_alpha_masks &&
-         scene.world.tree.frame.reach > 0.0f;
+  return scene.triangle_test == TriangleTest::Watertight && scene.scene.num_placements == 0 &&
+         !scene.scene.has_alpha_masks &&
+         (scene.has_bvhs ? scene.world.tree.frame.reach : scene.near_kd.frame.reach) > 0.0f;
 }
 
 /// Answers all rays of the batch.
@@ -54,6 +54,11 @@ void launch_near_plain(const TraceScene &scene, TraceQuery query, const NearBatc
                        cudaStream_t stream);
 void launch_near_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
                         cudaStream_t stream);
+// The same for kd-trees.
+void launch_near_kd_plain(const TraceScene &scene, TraceQuery query, const NearBatch &batch, uint32_t width,
+                          cudaStream_t stream);
+void launch_near_kd_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
+                           cudaStream_t stream);
 void launch_near_measure(const TraceScene &scene, const NearBatch &batch, cudaStream_t stream);
 void launch_near_finish(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
                         cudaStream_t stream);

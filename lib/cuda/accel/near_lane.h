@@ -23,11 +23,11 @@ __device__ __forceinline__ bool is_for(const NearBatch &batch, Coherence order)
 
 // Triangles of which one, or none, is the hit.
 struct Pending {
-  uint32_t reference;  // the first of them
-  uint32_t others[max_candidates - 1];
-  uint32_t count;     // over max_candidates: the ray has to be listed
-  uint32_t triangle;  // that came last: met again in another leaf, it is known
-  float lower;        // of all their t
+  uint32_t reference;              // the first of them
+  uint32_t second, third, fourth;  // no array: indexed, it would take all of this out of registers
+  uint32_t count;                  // over max_candidates: the ray has to be listed
+  uint32_t triangle;               // that came last: met again in another leaf, it is known
+  float lower;                     // of all their t
 };
 
 __device__ __forceinline__ uint32_t pop(const uint32_t *stack, int &top) { return stack[--top]; }
@@ -69,7 +69,9 @@ __device__ __forceinline__ void list_ray(const NearBatch &batch, uint32_t i)
 __device__ __forceinline__ void keep(Pending &pending, uint32_t reference)
 {
   if (pending.count == 0) pending.reference = reference;
-  else if (pending.count < max_candidates) pending.others[pending.count - 1] = reference;
+  else if (pending.count == 1) pending.second = reference;
+  else if (pending.count == 2) pending.third = reference;
+  else if (pending.count == 3) pending.fourth = reference;
   ++pending.count;
 }
 
@@ -78,7 +80,31 @@ __device__ __forceinline__ uint32_t known_triangle(const uint32_t *known, uint32
   return known != nullptr ? __ldg(known + i) : invalid_id;
 }
 
-// Tests the triangles of a leaf for the closest hit, and lowers `end` where one is nearer.
+// Tests a triangle for the closest hit, and lowers `end` where it is nearer. `triangle` is its id: met again, it is known.
+__device__ __forceinline__ void closest_in_triangle(const LeafTriangle &x, uint32_t triangle,
+                                                    uint32_t reference, const NearRay &ray, float tmin,
+                                                    uint32_t left_out, float &end, Pending &pending)
+{
+  HitInterval t;
+  const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
+  if (verdict == EdgeVerdict::Outside || triangle == pending.triangle || x.triangle == left_out) return;
+  if (verdict == EdgeVerdict::Unclear) {
+    pending.count = max_candidates + 1;
+    return;
+  }
+  if (t.lower + ray.end_offset > end || t.upper < tmin) return;
+  const bool is_beyond_tmin = t.lower >= tmin;
+  if (is_beyond_tmin) {
+    if (t.upper < pending.lower && pending.count <= max_candidates) pending.count = 0;
+    pending.lower = at_most(pending.lower, t.lower);
+    end = at_most(end, t.upper + ray.end_offset);
+  } else {
+    pending.lower = -infinity;  // may be no hit: what is kept stays
+  }
+  keep(pending, reference);
+  pending.triangle = triangle;
+}
+
 __device__ __forceinline__ void closest_in_leaf(const LeafTriangle *triangles, const NearRay &ray, float tmin,
                                                 uint32_t leaf, uint32_t left_out, float &end,
                                                 Pending &pending)
@@ -86,45 +112,36 @@ __device__ __forceinline__ void closest_in_leaf(const LeafTriangle *triangles, c
   const uint32_t first = leaf_first(leaf), past = first + leaf_size(leaf);
   for (uint32_t k = first; k < past; ++k) {
     const LeafTriangle x = load_triangle(triangles, k);
-    HitInterval t;
-    const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
-    if (verdict == EdgeVerdict::Outside || x.triangle == pending.triangle || x.triangle == left_out) continue;
-    if (verdict == EdgeVerdict::Unclear) {
-      pending.count = max_candidates + 1;
-      continue;
-    }
-    if (t.lower + ray.end_offset > end || t.upper < tmin) continue;
-    const bool is_beyond_tmin = t.lower >= tmin;
-    if (is_beyond_tmin) {
-      if (t.upper < pending.lower && pending.count <= max_candidates) pending.count = 0;
-      pending.lower = at_most(pending.lower, t.lower);
-      end = at_most(end, t.upper + ray.end_offset);
-    } else {
-      pending.lower = -infinity;  // may be no hit: what is kept stays
-    }
-    keep(pending, k);
-    pending.triangle = x.triangle;
+    closest_in_triangle(x, x.triangle, k, ray, tmin, left_out, end, pending);
   }
 }
 
-// True where a triangle of the leaf is hit for certain; keeps those that may be.
+// True where the triangle is hit for certain; keeps one that may be.
+__device__ __forceinline__ bool any_in_triangle(const LeafTriangle &x, uint32_t reference, const NearRay &ray,
+                                                float tmin, float tmax, uint32_t left_out, uint32_t ended_at,
+                                                Pending &pending)
+{
+  HitInterval t;
+  const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
+  if (verdict == EdgeVerdict::Outside || x.triangle == left_out || x.triangle == ended_at) return false;
+  if (verdict == EdgeVerdict::Inside) {
+    if (t.lower > tmax || t.upper < tmin) return false;
+    if (t.lower >= tmin && t.upper <= tmax) return true;
+    keep(pending, reference);
+  } else {
+    pending.count = max_candidates + 1;
+  }
+  return false;
+}
+
 __device__ __forceinline__ bool any_in_leaf(const LeafTriangle *triangles, const NearRay &ray, float tmin,
                                             float tmax, uint32_t leaf, uint32_t left_out, uint32_t ended_at,
                                             Pending &pending)
 {
   const uint32_t first = leaf_first(leaf), past = first + leaf_size(leaf);
   for (uint32_t k = first; k < past; ++k) {
-    const LeafTriangle x = load_triangle(triangles, k);
-    HitInterval t;
-    const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
-    if (verdict == EdgeVerdict::Outside || x.triangle == left_out || x.triangle == ended_at) continue;
-    if (verdict == EdgeVerdict::Inside) {
-      if (t.lower > tmax || t.upper < tmin) continue;
-      if (t.lower >= tmin && t.upper <= tmax) return true;
-      keep(pending, k);
-    } else {
-      pending.count = max_candidates + 1;
-    }
+    if (any_in_triangle(load_triangle(triangles, k), k, ray, tmin, tmax, left_out, ended_at, pending))
+      return true;
   }
   return false;
 }
@@ -140,22 +157,30 @@ __device__ __forceinline__ void hand_over_group(const NearBatch &batch, uint32_t
   CandidateGroup &group = batch.groups[k];
   group.ray = i;
   group.references[0] = pending.reference;
-  for (uint32_t c = 1; c < max_candidates; ++c)
-    group.references[c] = c < pending.count ? pending.others[c - 1] : no_candidate;
+  static_assert(max_candidates == 4);
+  group.references[1] = pending.count > 1 ? pending.second : no_candidate;
+  group.references[2] = pending.count > 2 ? pending.third : no_candidate;
+  group.references[3] = pending.count > 3 ? pending.fourth : no_candidate;
 }
 
 // Measures a triangle that the edge functions have told to be hit. False where t is out of the ray's interval; where the
 // triangle is seen edge-on, which single precision may miss, `is_clear` becomes false.
-__device__ __forceinline__ bool measure(const LeafTriangle &x, const Ray &ray, TriangleHit &hit,
-                                        bool &is_clear)
+//
+// So it does in a kd-tree where the plane is met on the triangle's border or beyond: t may then be outside of the cell that
+// the triangle was found in, and whether it is found there depends on how much is left to rounding, which in these kernels
+// is more than on the CPU. The boxes of bvhs hold their triangles as far as t may be.
+__device__ __forceinline__ bool measure(const TraceScene &s, const LeafTriangle &x, const Ray &ray,
+                                        TriangleHit &hit, bool &is_clear)
 {
-  return measure_hit(
+  const bool is_hit = measure_hit(
       ray.origin, ray.direction, main_axis_of(ray.direction), x.a, x.b, x.c,
       [&] {
         is_clear = false;
         return EdgeWeights{1.0, 1.0, 1.0};
       },
       ray.tmin, ray.tmax, hit);
+  if (is_hit && !s.has_bvhs && (hit.u == 0.0f || hit.v == 0.0f || hit.v == 1.0f - hit.u)) is_clear = false;
+  return is_hit;
 }
 
 __device__ __forceinline__ void store_closest(const TraceScene &s, const NearBatch &batch, uint32_t i,
@@ -196,10 +221,10 @@ __device__ __forceinline__ void finish_closest(const TraceScene &s, const NearBa
   Hit best = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
   uint32_t primitive = invalid_id;
   if (pending.count != 0) {
-    const LeafTriangle x = load_triangle(s.world.triangles, pending.reference);
+    const LeafTriangle x = load_triangle(s.near_triangles, pending.reference);
     TriangleHit hit;
     bool is_clear = true;
-    if (measure(x, ray, hit, is_clear)) {
+    if (measure(s, x, ray, hit, is_clear)) {
       best = {hit.t, hit.u, hit.v, x.triangle, invalid_id};
       primitive = x.primitive;
     }

@@ -45,6 +45,16 @@ GPURT_GROUP uint32_t add_to(uint32_t *target, uint32_t x) { return atomicAdd(tar
 
 constexpr unsigned warp_size = 32;
 
+/// Every thread of a warp brings a value; the least goes into the target.
+GPURT_GROUP void lower_by_warp(uint64_t *target, uint64_t x)
+{
+  for (unsigned step = warp_size / 2; step != 0; step /= 2) {
+    const uint64_t other = __shfl_xor_sync(~0u, static_cast<unsigned long long>(x), step);
+    x = other < x ? other : x;
+  }
+  if (threadIdx.x % warp_size == 0) lower_to(target, x);
+}
+
 GPURT_GROUP int warp_min(int x)
 {
 #if __CUDA_ARCH__ >= 800
@@ -112,6 +122,17 @@ class WarpGroup {
   __device__ uint32_t thread() const { return threadIdx.x % warp_size; }
   __device__ uint32_t size() const { return warp_size; }
   __device__ void sync() const { __syncwarp(); }
+  __device__ uint32_t scan(uint32_t x, uint32_t &total) const
+  {
+    const unsigned lane = threadIdx.x % warp_size;
+    uint32_t sum = x;
+    for (unsigned step = 1; step < warp_size; step *= 2) {
+      const uint32_t other = __shfl_up_sync(~0u, sum, step);
+      if (lane >= step) sum += other;
+    }
+    total = __shfl_sync(~0u, sum, warp_size - 1);
+    return sum - x;
+  }
 };
 
 #else
@@ -120,6 +141,7 @@ GPURT_GROUP void lower_to(int *target, int x) { *target = min(*target, x); }
 GPURT_GROUP void raise_to(int *target, int x) { *target = max(*target, x); }
 GPURT_GROUP void lower_to(uint64_t *target, uint64_t x) { *target = min(*target, x); }
 GPURT_GROUP void raise_to(uint32_t *target, uint32_t x) { *target = max(*target, x); }
+GPURT_GROUP void lower_by_warp(uint64_t *target, uint64_t x) { lower_to(target, x); }
 GPURT_GROUP uint32_t add_to(uint32_t *target, uint32_t x)
 {
   const uint32_t before = *target;
