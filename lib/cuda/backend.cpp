@@ -3,10 +3,9 @@
 #include <chrono>
 #include <optional>
 
+#include "cuda/accel/choose_tree.h"
 #include "cuda/accel/device_bvh_accel.h"
 #include "cuda/accel/device_kd_accel.h"
-#include "cuda/accel/near.h"
-#include "cuda/accel/probe_trees.h"
 #include "cuda/accel/query.h"
 #include "cuda/accel/schedule/tracer.h"
 #include "cuda/device_scene.h"
@@ -27,12 +26,6 @@ constexpr uint32_t min_compute_capability = 75;
 // Trees of fewer triangles are built on the host: the device takes a few milliseconds for the smallest.
 constexpr uint64_t max_host_bvh_triangles = 2048, max_host_kd_triangles = 2048;
 
-// Scenes whose trees are compared where the accelerator is left to the device: in smaller ones there is little to gain, and
-// in larger ones both trees would take too much memory and time.
-constexpr uint64_t min_probed_triangles = 20000, max_probed_triangles = 16u << 20;
-constexpr uint32_t num_probe_rays = 1u << 14;
-constexpr double min_gain = 0.95;
-
 // What scenes, frames and jobs of a device share; scenes keep it alive.
 struct SharedDevice {
   DeviceInfo info;
@@ -42,10 +35,12 @@ struct SharedDevice {
 
 class CudaScene final : public CommittedScene, public StreamTracing {
  public:
+  /// `copied` is what the device has of the scene already; null: it is copied here.
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
-            const KdTrees &trees, uint64_t most_host_triangles, const DeviceKdSettings &settings)
-      : CudaScene(std::move(device), std::move(compiled), trees.facts, kd_trees_, trees, most_host_triangles,
-                  settings)
+            std::shared_ptr<const DeviceScene> copied, const KdTrees &trees, uint64_t most_host_triangles,
+            const DeviceKdSettings &settings)
+      : CudaScene(std::move(device), std::move(compiled), std::move(copied), trees.facts, kd_trees_, trees,
+                  most_host_triangles, settings)
   {
     uint64_t built_bytes = 0;
     for (const DeviceKdTree &tree : kd_trees_->built()) {
@@ -64,8 +59,8 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   }
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
             const BvhTrees &trees, uint64_t most_host_triangles, const DeviceBvhAccel *previous)
-      : CudaScene(std::move(device), std::move(compiled), trees.facts, bvhs_, trees, most_host_triangles,
-                  previous)
+      : CudaScene(std::move(device), std::move(compiled), nullptr, trees.facts, bvhs_, trees,
+                  most_host_triangles, previous)
   {
     trace_scene_.bvhs = bvhs_->view();
     trace_scene_.has_bvhs = true;
@@ -98,6 +93,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   const DeviceBvhAccel *bvhs() const { return bvhs_ ? &*bvhs_ : nullptr; }
   const DeviceKdAccel *kd_trees() const { return kd_trees_ ? &*kd_trees_ : nullptr; }
   const TraceScene &trace_scene() const { return trace_scene_; }
+  const std::shared_ptr<const DeviceScene> &device_scene() const { return scene_; }
   void set_reason(std::string reason) { facts_.reason = std::move(reason); }
 
   void trace(const TraceRequest &request) const override
@@ -149,13 +145,16 @@ class CudaScene final : public CommittedScene, public StreamTracing {
  private:
   template <class DeviceAccel, class Trees, class... Options>
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
-            const AccelFacts &facts, std::optional<DeviceAccel> &accel, const Trees &trees,
+            std::shared_ptr<const DeviceScene> copied, const AccelFacts &facts, std::optional<DeviceAccel> &accel, const Trees &trees,
             Options... options)
-      : device_(std::move(device)), compiled_(std::move(compiled)), facts_(facts)
+      : device_(std::move(device)),
+        compiled_(std::move(compiled)),
+        facts_(facts),
+        scene_(std::move(copied))
   {
     const DeviceScope scope(device_->memory->ordinal());
     const LaneLease lane = device_->lanes.acquire();
-    scene_.emplace(*compiled_, device_->memory, lane->stream());
+    if (!scene_) scene_ = std::make_shared<DeviceScene>(*compiled_, device_->memory, lane->stream());
     accel.emplace(*compiled_, scene_->view(), trees, options..., device_->memory, lane->stream());
     trace_scene_.scene = scene_->view();
     trace_scene_.scene.t_error = t_error(facts_);
@@ -169,7 +168,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   std::shared_ptr<SharedDevice> device_;
   std::shared_ptr<const CompiledScene> compiled_;
   AccelFacts facts_;
-  std::optional<DeviceScene> scene_;
+  std::shared_ptr<const DeviceScene> scene_;
   // One of the two.
   std::optional<DeviceKdAccel> kd_trees_;
   std::optional<DeviceBvhAccel> bvhs_;
@@ -286,56 +285,31 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
       fail_invalid("ordinal is {}, but the device is CUDA device {}", ordinal, device_->info.ordinal);
   }
 
-  // The tree that a probe expects to be faster; a bvh, where there is nothing to compare.
+  // The tree that a probe expects to be faster: a kd-tree as GPURT_ACCEL_KDTREE has it, to the bit.
   std::shared_ptr<const CommittedScene> commit_either(const std::shared_ptr<const CompiledScene> &scene,
                                                       const BuildOptions &options)
   {
     const std::shared_ptr<CudaScene> bvh = commit_bvhs(scene, options);
-    const uint64_t num_triangles = scene->groups.empty() ? 0 : scene->groups[0].num_triangles;
-    const auto keep = [&](std::string why) {
-      bvh->set_reason(std::move(why));
+    if (options.quality == BuildQuality::Fast) {
+      bvh->set_reason("built in the least time, and refitted");
       return bvh;
-    };
-    if (options.quality == BuildQuality::Fast) return keep("built in the least time, and refitted");
-    if (num_triangles < min_probed_triangles || num_triangles > max_probed_triangles)
-      return keep(fmt::format("scenes of {} to {} triangles in world space are probed, this one has {}",
-                              min_probed_triangles, max_probed_triangles, num_triangles));
-    if (!has_near_kernels(bvh->trace_scene()))
-      return keep(
-          "the fast kernels of kd-trees serve neither alpha masks nor placements nor other triangle tests");
+    }
+    TreeChoice choice;
+    {
+      const DeviceScope scope(device_->memory->ordinal());
+      const LaneLease lane = device_->lanes.acquire();
+      choice = choose_tree(*scene, bvh->trace_scene(), kd_settings(options), device_->memory, lane->stream());
+    }
+    bvh->set_reason(choice.reason);
+    if (!choice.is_kd_tree) return bvh;
     try {
-      BuildOptions fast = options;
-      fast.quality = BuildQuality::Fast;
-      const std::shared_ptr<CudaScene> kd_tree = commit_kd_trees(scene, fast);
-      TreeWork work[2];
-      {
-        const DeviceScope scope(device_->memory->ordinal());
-        const LaneLease lane = device_->lanes.acquire();
-        const DeviceBuffer<TreeWork> counted(device_->memory, 2, "a probe's counters");
-        const WaitAtEnd wait(lane->stream());
-        launch_probe_trees(bvh->trace_scene(), kd_tree->trace_scene(), uint32_t(num_triangles),
-                           num_probe_rays, counted.data(), lane->stream());
-        check(cudaMemcpyAsync(work, counted.data(), sizeof work, cudaMemcpyDeviceToHost, lane->stream()),
-              "cudaMemcpyAsync");
-        lane->synchronize();
-      }
-      const double time[2] = {expected_time(work[0], false), expected_time(work[1], true)};
-      const auto mean = [](unsigned long long sum, unsigned long long n) { return double(sum) / double(n); };
-      const std::string found = fmt::format(
-          "a probe of {} rays expects the kd-tree to take {:.2f} of the bvh's time: {:.1f} steps, {:.1f} "
-          "leaves and "
-          "{:.1f} tests a ray against {:.1f}, {:.1f} and {:.1f}",
-          work[1].rays, time[1] / time[0], mean(work[1].nodes, work[1].rays),
-          mean(work[1].leaves, work[1].rays), mean(work[1].triangles, work[1].rays),
-          mean(work[0].nodes, work[0].rays), mean(work[0].leaves, work[0].rays),
-          mean(work[0].triangles, work[0].rays));
-      // It takes several times the memory, too.
-      if (!(time[1] < min_gain * time[0])) return keep(found);
-      kd_tree->set_reason(found);
+      const std::shared_ptr<CudaScene> kd_tree = commit_kd_trees(scene, options, bvh->device_scene());
+      kd_tree->set_reason(choice.reason);
       return kd_tree;
     } catch (const Error &error) {
       if (error.result() != GPURT_ERROR_OUT_OF_MEMORY && error.result() != GPURT_ERROR_UNSUPPORTED) throw;
-      return keep(fmt::format("there was no room for a kd-tree to probe: {}", error.what()));
+      bvh->set_reason(fmt::format("{}; but there was no room for it: {}", choice.reason, error.what()));
+      return bvh;
     }
   }
 
@@ -366,7 +340,8 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
   }
 
   std::shared_ptr<CudaScene> commit_kd_trees(const std::shared_ptr<const CompiledScene> &scene,
-                                             const BuildOptions &options)
+                                             const BuildOptions &options,
+                                             std::shared_ptr<const DeviceScene> copied = nullptr)
   {
     // Trees that come from elsewhere, or go to a cache, are the host's.
     const bool is_fast =
@@ -375,8 +350,8 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
     const auto start = std::chrono::steady_clock::now();
     KdTrees trees = build_kd_trees(*scene, options, nullptr, log_, most_host_triangles);
     trees.facts.build_seconds = seconds_since(start);
-    const DeviceKdSettings settings = {options.max_depth, options.traversal_cost, options.empty_bonus};
-    const auto committed = std::make_shared<CudaScene>(device_, scene, trees, most_host_triangles, settings);
+    const auto committed = std::make_shared<CudaScene>(device_, scene, std::move(copied), trees,
+                                                       most_host_triangles, kd_settings(options));
     for (const DeviceKdTree &tree : committed->kd_trees()->built()) {
       if (!log_) break;
       log_(GPURT_LOG_INFO,
@@ -384,6 +359,11 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
                        tree.num_references, tree.seconds * 1e3, tree.peak_bytes));
     }
     return committed;
+  }
+
+  static DeviceKdSettings kd_settings(const BuildOptions &options)
+  {
+    return {options.max_depth, options.traversal_cost, options.empty_bonus};
   }
 
   static double seconds_since(std::chrono::steady_clock::time_point start)

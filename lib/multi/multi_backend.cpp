@@ -54,13 +54,14 @@ class MultiBackend final : public Backend, public StreamOrdering, public PhotonM
     std::vector<std::shared_ptr<const CommittedScene>> scenes(members_->size());
     const auto commit_on = [&](size_t i) {
       BuildOptions member_options = options;
+      if (i != 0 && options.accel == Accel::Auto) member_options.accel = scenes[0]->accel_facts().accel;
       // Its own part of the commit before.
       if (const auto *previous = dynamic_cast<const MultiScene *>(options.previous.get()))
         member_options.previous = previous->member(i);
       run_named(*members_, i, [&] { scenes[i] = members_->backends[i]->commit(scene, member_options); });
     };
-    // A tree that goes to a file is built once: the others read it there.
-    const size_t first = options.cache_path.empty() ? 0 : 1;
+    // A tree that goes to a file is built once: the others read it there. What the first one chooses, the others take.
+    const size_t first = options.cache_path.empty() && options.accel != Accel::Auto ? 0 : 1;
     if (first == 1) commit_on(0);
     run_side_by_side(scenes.size() - first, [&](size_t i) { commit_on(first + i); });
     return std::make_shared<MultiScene>(members_, std::move(scenes));
