@@ -26,6 +26,9 @@ constexpr uint32_t min_compute_capability = 75;
 // Trees of fewer triangles are built on the host: the device takes a few milliseconds for the smallest.
 constexpr uint64_t max_host_bvh_triangles = 2048, max_host_kd_triangles = 2048;
 
+// Of kd-trees that are built here: finer than those of the host, which have to be the same on every device (docs/kdtree.md).
+constexpr float device_traversal_cost = 1.0f;
+
 // What scenes, frames and jobs of a device share; scenes keep it alive.
 struct SharedDevice {
   DeviceInfo info;
@@ -350,8 +353,10 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
     const auto start = std::chrono::steady_clock::now();
     KdTrees trees = build_kd_trees(*scene, options, nullptr, log_, most_host_triangles);
     trees.facts.build_seconds = seconds_since(start);
+    DeviceKdSettings settings = kd_settings(options);
+    if (settings.traversal_cost == 0) settings.traversal_cost = device_traversal_cost;
     const auto committed = std::make_shared<CudaScene>(device_, scene, std::move(copied), trees,
-                                                       most_host_triangles, kd_settings(options));
+                                                       most_host_triangles, settings);
     for (const DeviceKdTree &tree : committed->kd_trees()->built()) {
       if (!log_) break;
       log_(GPURT_LOG_INFO,
