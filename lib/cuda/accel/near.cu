@@ -14,12 +14,10 @@ constexpr uint32_t header_words = 64;
 template <TraceQuery Query, bool Bvh>
 __device__ __noinline__ void trace_general(const TraceScene &s, const NearBatch &batch, uint32_t i)
 {
-  const auto &accel = [&]() -> const auto &
-  {
+  const auto &accel = [&]() -> const auto & {
     if constexpr (Bvh) return s.bvhs;
     else return s.kd_trees;
-  }
-  ();
+  }();
   const Ray ray = load_ray(batch.rays, i, batch.aligned_rays);
   if constexpr (Query == TraceQuery::Any) {
     static_cast<uint8_t *>(batch.results)[i] =
@@ -57,42 +55,29 @@ __device__ __forceinline__ void measure_candidates(const TraceScene &s, const Ne
   else store_closest(s, batch, i, best, primitive);
 }
 
-// A block looks at groups of 32 rays, spread evenly over the batch: they are coherent if most groups go within 18 degrees
-// of their first ray.
-constexpr unsigned probed_groups = 64;
-__global__ void __launch_bounds__(block_size)
+// A block looks at groups of 32 rays, a warp at two, spread evenly over the batch: they are coherent if most groups go
+// within 18 degrees of their first ray.
+constexpr unsigned probe_threads = 1024, groups_per_warp = 2;
+__global__ void __launch_bounds__(probe_threads)
     probe_kernel(const __grid_constant__ NearBatch batch, uint32_t *probed)
 {
-  __shared__ unsigned num_coherent;
-  if (threadIdx.x == 0) num_coherent = 0;
-  __syncthreads();
-  const unsigned lane = threadIdx.x % 32;
-  for (unsigned g = threadIdx.x / 32; g < probed_groups; g += block_size / 32) {
-    const uint32_t first = uint32_t(uint64_t(batch.num_rays / 32) * g / probed_groups) * 32;
-    const Vec3f d = batch.rays[first + lane].direction;
-    const Vec3f first_d{__shfl_sync(~0u, d.x, 0), __shfl_sync(~0u, d.y, 0), __shfl_sync(~0u, d.z, 0)};
-    const float along = dot(d, first_d);
-    const bool is_near = along > 0.0f && along * along > 0.9f * dot(d, d) * dot(first_d, first_d);
-    if (__all_sync(~0u, is_near) && lane == 0) atomicAdd(&num_coherent, 1u);
+  constexpr unsigned num_groups = probe_threads / 32 * groups_per_warp;
+  const unsigned lane = threadIdx.x % 32, group = threadIdx.x / 32 * groups_per_warp;
+  Vec3f d[groups_per_warp];
+  for (unsigned k = 0; k < groups_per_warp; ++k) {
+    const uint32_t first = uint32_t(uint64_t(batch.num_rays / 32) * (group + k) / num_groups) * 32;
+    d[k] = load_ray(batch.rays, first + lane, batch.aligned_rays).direction;
   }
-  __syncthreads();
+  int num_coherent = 0;
+  for (unsigned k = 0; k < groups_per_warp; ++k) {
+    const Vec3f first_d{__shfl_sync(~0u, d[k].x, 0), __shfl_sync(~0u, d[k].y, 0),
+                        __shfl_sync(~0u, d[k].z, 0)};
+    const float along = dot(d[k], first_d);
+    const bool is_near = along > 0.0f && along * along > 0.9f * dot(d[k], d[k]) * dot(first_d, first_d);
+    num_coherent += __syncthreads_count(__all_sync(~0u, is_near) && lane == 0);
+  }
   if (threadIdx.x == 0)
-    *probed = uint32_t(2 * num_coherent > probed_groups ? Coherence::Coherent : Coherence::Incoherent);
-}
-
-// Measures the one candidate that rays have, or writes that they miss.
-__global__ void __launch_bounds__(block_size, 8)
-    measure_kernel(const __grid_constant__ TraceScene s, const __grid_constant__ NearBatch batch)
-{
-  if (!is_for(batch, Coherence::Incoherent)) return;
-  const uint64_t i = thread_item();
-  if (i >= batch.num_rays) return;
-  const uint32_t candidate = batch.candidates[i];
-  if (candidate == listed_candidate) return;
-  Pending pending;
-  pending.reference = candidate;
-  pending.count = candidate == no_candidate ? 0 : 1;
-  finish_closest(s, batch, uint32_t(i), pending);
+    *probed = uint32_t(2 * num_coherent > int(num_groups) ? Coherence::Coherent : Coherence::Incoherent);
 }
 
 template <TraceQuery Query, bool Bvh>
@@ -118,12 +103,13 @@ struct ScratchLayout {
   explicit ScratchLayout(uint64_t num_rays)
       : group_capacity(num_rays / 16 + 32),
         list_capacity(num_rays / 16 + 32),
-        groups(header_words + num_rays),
+        taken_before(header_words + num_rays),
+        groups(taken_before + num_rays / 32 + 1),
         listed(groups + group_capacity * (sizeof(CandidateGroup) / sizeof(uint32_t))),
         end(listed + list_capacity)
   {}
   uint64_t group_capacity, list_capacity;
-  uint64_t groups, listed, end;
+  uint64_t taken_before, groups, listed, end;
 };
 
 }  // namespace
@@ -132,12 +118,8 @@ uint64_t trace_scratch_words(uint64_t num_rays) { return ScratchLayout(num_rays)
 
 void launch_near_probe(const NearBatch &batch, uint32_t *probed, cudaStream_t stream)
 {
-  launch("kernel that looks at the order of rays", probe_kernel, block_size, stream, batch, probed);
-}
-
-void launch_near_measure(const TraceScene &scene, const NearBatch &batch, cudaStream_t stream)
-{
-  launch("kernel that measures hits", measure_kernel, batch.num_rays, stream, scene, batch);
+  launch_blocks("kernel that looks at the order of rays", probe_kernel, 1, probe_threads, stream, batch,
+                probed);
 }
 
 void launch_near_finish(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
@@ -171,6 +153,7 @@ void launch_near(const TraceScene &scene, TraceQuery query, const Ray *rays, uin
   batch.num_groups = order.scratch + 1;
   batch.num_listed = order.scratch + 2;
   batch.candidates = order.scratch + header_words;
+  batch.taken_before = order.scratch + layout_of.taken_before;
   batch.groups = reinterpret_cast<CandidateGroup *>(order.scratch + layout_of.groups);
   batch.listed = order.scratch + layout_of.listed;
   batch.group_capacity = uint32_t(layout_of.group_capacity);
@@ -189,7 +172,6 @@ void launch_near(const TraceScene &scene, TraceQuery query, const Ray *rays, uin
     (scene.has_bvhs ? launch_near_plain : launch_near_kd_plain)(scene, query, batch, order.width, stream);
   if (coherence != Coherence::Coherent) {
     (scene.has_bvhs ? launch_near_refill : launch_near_kd_refill)(scene, query, batch, stream);
-    if (query == TraceQuery::Closest) launch_near_measure(scene, batch, stream);
   }
   launch_near_finish(scene, query, batch, stream);
 }

@@ -7,7 +7,7 @@
 
 namespace gpurt::cuda {
 
-// What a ray may hit, for the kernel that measures: a reference of the tree, or one of these.
+// What a ray may hit, till it is measured: a reference of the tree, or one of these.
 constexpr uint32_t no_candidate = invalid_id;
 constexpr uint32_t listed_candidate = invalid_id - 1;  // the ray is in a group of candidates, or listed
 constexpr uint32_t max_candidates = 4;
@@ -29,7 +29,9 @@ struct NearBatch {
   uint32_t *num_groups;    // groups of candidates; those beyond the capacity are listed rays
   uint32_t *
       num_listed;  // rays that are left; where there are more than the list has room for, all are traced again
-  uint32_t *candidates;  // [num_rays], of closest hits
+  uint32_t *candidates;  // [num_rays], of closest hits by warps that refill
+  uint32_t
+      *taken_before;  // [num_rays / 32, rounded up]: what the warp that took these 32 rays had taken before
   CandidateGroup *groups;
   uint32_t *listed;
   uint32_t group_capacity, list_capacity;
@@ -59,7 +61,6 @@ void launch_near_kd_plain(const TraceScene &scene, TraceQuery query, const NearB
                           cudaStream_t stream);
 void launch_near_kd_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
                            cudaStream_t stream);
-void launch_near_measure(const TraceScene &scene, const NearBatch &batch, cudaStream_t stream);
 void launch_near_finish(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
                         cudaStream_t stream);
 

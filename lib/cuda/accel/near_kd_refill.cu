@@ -67,7 +67,8 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
   WarpRays &warp = warps[threadIdx.x / kd_warp_size];
   WarpAxes &own = axes[threadIdx.x / kd_warp_size];
   const LaneAxes lane_axes{&own.axis[0][lane]};
-  uint32_t first = 0;  // of the rays that are ready
+  uint32_t first = 0;           // of the rays that are ready
+  uint32_t taken = invalid_id;  // first of the last rays that the warp took
   unsigned num_taken = kd_warp_size;
   bool is_pool_empty = false;
   uint32_t i = invalid_id;
@@ -88,12 +89,16 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
         else hand_over(batch, i, pending);
         i = invalid_id;
       }
-      if (is_pool_empty) return;  // then all are idle
+      if (is_pool_empty) break;  // then all are idle
       if (num_taken == kd_warp_size && !is_pool_empty) {
         if (lane == 0) first = atomicAdd(batch.next_ray, uint32_t(kd_warp_size));
         first = __shfl_sync(~0u, first, 0);
         num_taken = 0;
         is_pool_empty = first >= batch.num_rays;
+        if (!is_any && !is_pool_empty) {
+          if (lane == 0) batch.taken_before[first / kd_warp_size] = taken;
+          taken = first;
+        }
         make_ready<Query>(s, batch, first + lane, lane, warp);
         __syncwarp();
       }
@@ -143,6 +148,7 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
       node = is_any && found ? KdNode{0, kd_end} : pop_kd_node(s.near_kd.nodes, stack, end, a, b);
     }
   }
+  if constexpr (!is_any) measure_taken(s, batch, taken);
 }
 
 }  // namespace

@@ -30,12 +30,13 @@ struct Pending {
   float lower;                     // of all their t
 };
 
-__device__ __forceinline__ uint32_t pop(const uint32_t *stack, int &top) { return stack[--top]; }
+// `top` points behind the last entry of a stack: indices would take two instructions more an access.
+__device__ __forceinline__ uint32_t pop(uint32_t *&top) { return *--top; }
 
 // A node: goes to the child that the ray meets first, or the larger one, and leaves the other for later.
 template <bool Ordered>
 __device__ __forceinline__ void step(const BvhNode *nodes, const NearRay &ray, float end, uint32_t &current,
-                                     uint32_t *stack, int &top)
+                                     uint32_t *&top)
 {
   const BvhNode node = load_node(nodes, current);
   float enter0, leave0, enter1, leave1;
@@ -47,8 +48,8 @@ __device__ __forceinline__ void step(const BvhNode *nodes, const NearRay &ray, f
   const bool meets0 = !(enter0 > leave0), meets1 = !(enter1 > leave1);
   const bool second_first = !meets0 || (Ordered && meets1 && enter1 < enter0);
   current = second_first ? node.child1 : node.child0;
-  if (meets0 && meets1) stack[top++] = second_first ? node.child0 : node.child1;
-  if (!meets0 && !meets1) current = pop(stack, top);
+  if (meets0 && meets1) *top++ = second_first ? node.child0 : node.child1;
+  if (!meets0 && !meets1) current = pop(top);
 }
 
 __device__ __forceinline__ LeafTriangle load_triangle(const LeafTriangle *triangles, uint32_t reference)
@@ -196,19 +197,6 @@ __device__ __forceinline__ void store_closest(const TraceScene &s, const NearBat
   }
 }
 
-// Hands over what a ray has found to the kernel that measures.
-__device__ __forceinline__ void hand_over(const NearBatch &batch, uint32_t i, const Pending &pending)
-{
-  if (pending.count == 1) {
-    batch.candidates[i] = pending.reference;
-  } else if (pending.count == 0) {
-    batch.candidates[i] = no_candidate;
-  } else {
-    batch.candidates[i] = listed_candidate;
-    hand_over_group(batch, i, pending);
-  }
-}
-
 // Measures and writes the hit of a ray with one candidate or none; others are handed over.
 __device__ __forceinline__ void finish_closest(const TraceScene &s, const NearBatch &batch, uint32_t i,
                                                const Pending &pending)
@@ -234,6 +222,31 @@ __device__ __forceinline__ void finish_closest(const TraceScene &s, const NearBa
     }
   }
   store_closest(s, batch, i, best, primitive);
+}
+
+// Keeps what a ray has found for measure_taken().
+__device__ __forceinline__ void hand_over(const NearBatch &batch, uint32_t i, const Pending &pending)
+{
+  batch.candidates[i] = pending.count == 1   ? pending.reference
+                        : pending.count == 0 ? no_candidate
+                                             : listed_candidate;
+  if (pending.count > 1) hand_over_group(batch, i, pending);
+}
+
+// Measures what the rays of a warp found, all lanes at once, once all of them have ended: amid traversal few end at a time,
+// and its registers would be in the way. `taken` are the last 32 that the warp took, invalid_id if it took none.
+__device__ __forceinline__ void measure_taken(const TraceScene &s, const NearBatch &batch, uint32_t taken)
+{
+  __syncwarp();
+  for (; taken != invalid_id; taken = batch.taken_before[taken / 32]) {
+    const uint32_t i = taken + threadIdx.x % 32;
+    if (i >= batch.num_rays) continue;
+    Pending pending;
+    pending.reference = batch.candidates[i];
+    if (pending.reference == listed_candidate) continue;
+    pending.count = pending.reference == no_candidate ? 0 : 1;
+    finish_closest(s, batch, i, pending);
+  }
 }
 
 __device__ __forceinline__ void finish_any(const NearBatch &batch, uint32_t i, bool found,

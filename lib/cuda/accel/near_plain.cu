@@ -6,7 +6,7 @@
 namespace gpurt::cuda {
 namespace {
 
-__global__ void __launch_bounds__(block_size, 8)
+__global__ void __launch_bounds__(block_size, 9)
     near_closest_kernel(const __grid_constant__ TraceScene s, const __grid_constant__ NearBatch batch,
                         const __grid_constant__ TiledRows rows)
 {
@@ -26,13 +26,13 @@ __global__ void __launch_bounds__(block_size, 8)
       float end = ray.tmax + r.end_offset;
       uint32_t stack[bvh_max_depth + 1];
       stack[0] = bvh_empty;
-      int top = 1;
+      uint32_t *top = stack + 1;
       uint32_t current = s.world.tree.root;
       for (;;) {
-        while (!is_bvh_leaf(current)) step<true>(s.world.tree.nodes, r, end, current, stack, top);
+        while (!is_bvh_leaf(current)) step<true>(s.world.tree.nodes, r, end, current, top);
         if (current == bvh_empty) break;
         closest_in_leaf(s.world.triangles, r, ray.tmin, current, left_out, end, pending);
-        current = pop(stack, top);
+        current = pop(top);
       }
     }
   }
@@ -57,14 +57,14 @@ __global__ void __launch_bounds__(block_size, 8)
     const float end = ray.tmax + r.end_offset;
     uint32_t stack[bvh_max_depth + 1];
     stack[0] = bvh_empty;
-    int top = 1;
+    uint32_t *top = stack + 1;
     uint32_t current = s.world.tree.root;
     for (;;) {
-      while (!is_bvh_leaf(current)) step<false>(s.world.tree.nodes, r, end, current, stack, top);
+      while (!is_bvh_leaf(current)) step<false>(s.world.tree.nodes, r, end, current, top);
       if (current == bvh_empty) break;
       found = any_in_leaf(s.world.triangles, r, ray.tmin, ray.tmax, current, left_out, ended_at, pending);
       if (found) break;
-      current = pop(stack, top);
+      current = pop(top);
     }
   }
   finish_any(batch, i, found, pending);

@@ -75,7 +75,8 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
   __shared__ WarpRays warps[block_size / warp_size];
   const unsigned lane = threadIdx.x % warp_size;
   WarpRays &warp = warps[threadIdx.x / warp_size];
-  uint32_t first = 0;  // of the rays that are ready
+  uint32_t first = 0;           // of the rays that are ready
+  uint32_t taken = invalid_id;  // first of the last rays that the warp took
   unsigned num_taken = warp_size;
   bool is_pool_empty = false;
   uint32_t i = invalid_id;
@@ -86,7 +87,7 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
   uint32_t left_out = invalid_id, ended_at = invalid_id;
   uint32_t stack[bvh_max_depth + 1];
   stack[0] = bvh_empty;
-  int top = 0;
+  uint32_t *top = stack;
   uint32_t current = bvh_empty;
   for (;;) {
     const unsigned idle = __ballot_sync(~0u, current == bvh_empty);
@@ -96,12 +97,16 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
         else hand_over(batch, i, pending);
         i = invalid_id;
       }
-      if (is_pool_empty) return;  // then all are idle
+      if (is_pool_empty) break;  // then all are idle
       if (num_taken == warp_size && !is_pool_empty) {
         if (lane == 0) first = atomicAdd(batch.next_ray, uint32_t(warp_size));
         first = __shfl_sync(~0u, first, 0);
         num_taken = 0;
         is_pool_empty = first >= batch.num_rays;
+        if (!is_any && !is_pool_empty) {
+          if (lane == 0) batch.taken_before[first / warp_size] = taken;
+          taken = first;
+        }
         make_ready<Query>(s, batch, first + lane, lane, warp);
         __syncwarp();
       }
@@ -119,7 +124,7 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
         ended_at = warp.ended_at[slot];
         pending.lower = tmax;
         end = tmax + r.end_offset;
-        top = 1;
+        top = stack + 1;
         current = s.world.tree.root;
       }
       __syncwarp();
@@ -127,19 +132,20 @@ __global__ void __launch_bounds__(block_size, blocks_per_sm)
     do {
 #pragma unroll
       for (int k = 0; k < 3; ++k) {
-        if (!is_bvh_leaf(current)) step<!is_any>(s.world.tree.nodes, r, end, current, stack, top);
+        if (!is_bvh_leaf(current)) step<!is_any>(s.world.tree.nodes, r, end, current, top);
       }
     } while (__popc(__ballot_sync(~0u, !is_bvh_leaf(current))) >= stepping_until);
     if (is_bvh_leaf(current) && current != bvh_empty) {
       if constexpr (is_any) {
         found = any_in_leaf(s.world.triangles, r, tmin, tmax, current, left_out, ended_at, pending);
-        current = found ? bvh_empty : pop(stack, top);
+        current = found ? bvh_empty : pop(top);
       } else {
         closest_in_leaf(s.world.triangles, r, tmin, current, left_out, end, pending);
-        current = pop(stack, top);
+        current = pop(top);
       }
     }
   }
+  if constexpr (!is_any) measure_taken(s, batch, taken);
 }
 
 }  // namespace

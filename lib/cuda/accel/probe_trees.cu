@@ -54,17 +54,17 @@ __global__ void __launch_bounds__(block_size)
     float end = ray.tmax + r.end_offset;
     uint32_t stack[bvh_max_depth + 1];
     stack[0] = bvh_empty;
-    int top = 1;
+    uint32_t *top = stack + 1;
     uint32_t current = s.world.tree.root;
     while (current != bvh_empty) {
       if (!is_bvh_leaf(current)) {
-        step<true>(s.world.tree.nodes, r, end, current, stack, top);
+        step<true>(s.world.tree.nodes, r, end, current, top);
         ++own.nodes;
       } else {
         closest_in_leaf(s.world.triangles, r, ray.tmin, current, invalid_id, end, pending);
         ++own.leaves;
         own.triangles += leaf_size(current);
-        current = pop(stack, top);
+        current = pop(top);
       }
     }
   }
