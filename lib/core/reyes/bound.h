@@ -19,6 +19,11 @@ struct RasterBox {
   int32_t x0, y0, x1, y1;  // empty: x0 > x1
 };
 
+// How far points reach to the inner side of a rectangle's viewing frustum: the largest of each.
+struct FrustumReach {
+  float left, right, top, bottom, front;
+};
+
 // w below this is behind the eye: far from the smallest float, so that 1 / w and products of it stay finite.
 constexpr float smallest_w = 0x1p-60f;
 // Relative rounding error of a control point or a vertex, in units of the largest coordinate, generously.
@@ -33,22 +38,31 @@ GPURT_HD inline RasterPoint largest_coordinates(const float *x, const float *y, 
   return m;
 }
 
+GPURT_INLINE FrustumReach frustum_reach(float x, float y, float w, const RasterRect &rect)
+{
+  return {x - rect.x0 * w, rect.x1 * w - x, y - rect.y0 * w, rect.y1 * w - y, w};
+}
+GPURT_INLINE FrustumReach max(FrustumReach a, FrustumReach b)
+{
+  return {max(a.left, b.left), max(a.right, b.right), max(a.top, b.top), max(a.bottom, b.bottom),
+          max(a.front, b.front)};
+}
+
 // `largest`: of the root that the points are part of, whose coordinates they are computed from.
+GPURT_INLINE bool can_be_seen(const FrustumReach &reach, RasterPoint largest, const RasterRect &rect)
+{
+  const float margin_x = -raster_error * (largest.x + max(abs(rect.x0), abs(rect.x1)) * largest.w);
+  const float margin_y = -raster_error * (largest.y + max(abs(rect.y0), abs(rect.y1)) * largest.w);
+  return reach.front >= -raster_error * largest.w && reach.left >= margin_x && reach.right >= margin_x &&
+         reach.top >= margin_y && reach.bottom >= margin_y;
+}
+
 GPURT_HD inline bool can_be_seen(const float *x, const float *y, const float *w, int n, RasterPoint largest,
                                  const RasterRect &rect)
 {
-  float left = -infinity, right = -infinity, top = -infinity, bottom = -infinity, front = -infinity;
-  for (int i = 0; i < n; ++i) {
-    front = max(front, w[i]);
-    left = max(left, x[i] - rect.x0 * w[i]);
-    right = max(right, rect.x1 * w[i] - x[i]);
-    top = max(top, y[i] - rect.y0 * w[i]);
-    bottom = max(bottom, rect.y1 * w[i] - y[i]);
-  }
-  const float margin_x = -raster_error * (largest.x + max(abs(rect.x0), abs(rect.x1)) * largest.w);
-  const float margin_y = -raster_error * (largest.y + max(abs(rect.y0), abs(rect.y1)) * largest.w);
-  return front >= -raster_error * largest.w && left >= margin_x && right >= margin_x && top >= margin_y &&
-         bottom >= margin_y;
+  FrustumReach reach{-infinity, -infinity, -infinity, -infinity, -infinity};
+  for (int i = 0; i < n; ++i) reach = max(reach, frustum_reach(x[i], y[i], w[i], rect));
+  return can_be_seen(reach, largest, rect);
 }
 
 // Pixels that the hull of n points may touch; false: none of the image.

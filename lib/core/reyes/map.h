@@ -5,12 +5,12 @@
 #pragma once
 
 #include "core/accel/ray.h"
+#include "core/path/path_settings.h"
 #include "core/reyes/transform.h"
 
 namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
 
-// `z` is 1 / w of the sample, `depth_per_t` that of its eye ray.
 GPURT_HD inline Hit hit_of_root(const ReyesScene &s, uint32_t root, float u, float v, float t)
 {
   const RootRange range = range_of_root(s, root);
@@ -28,6 +28,16 @@ GPURT_HD inline Hit hit_of_root(const ReyesScene &s, uint32_t root, float u, flo
   const float second = is_upper ? fx : fx - fy, third = is_upper ? fy - fx : fy;
   const uint32_t triangle = segment.first_triangle + 2 * cell + (is_upper ? 1 : 0);
   return {t, segment.flips ? third : second, segment.flips ? second : third, triangle, range.placement};
+}
+
+// What stands for the hit of a sample's eye ray: the place on the root that it sees, at 1 / w = z.
+GPURT_HD inline Hit hit_of_sample(const ReyesScene &s, const Camera &camera, const Ray &ray, uint32_t root,
+                                  float z, Vec2f place)
+{
+  if (root == invalid_id) return {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
+  const Transform &m = camera.camera_to_world;
+  const Vec3f forward{-m.m[0][2], -m.m[1][2], -m.m[2][2]};
+  return hit_of_root(s, root, place.x, place.y, 1.0f / (z * dot(ray.direction, forward)));
 }
 
 GPURT_FUNCTIONS_END

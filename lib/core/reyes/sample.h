@@ -9,8 +9,8 @@
 // takes depends on its two vertices alone, and it is evaluated alike from both sides.
 // Source: Olano and Greer 1997, triangle scan conversion using 2D homogeneous coordinates.
 //
-// A sample keeps the nearest surface: the largest 1 / w, of equals the one that came first. Surfaces come in the order
-// of their roots, the pieces of a root in the order of its cuts, whatever the rectangle of the image.
+// A sample keeps the nearest surface: the largest 1 / w, of equals the lowest root, and of that one's the smallest place
+// (place_key). So what a sample sees depends on the scene alone, and surfaces may come in any order.
 #pragma once
 
 #include "core/reyes/dice.h"
@@ -52,7 +52,7 @@ struct SmallTriangle {
   bool is_swapped;                              // b and c are exchanged
 };
 
-// Corners of any triangle, from a block's origin; (x, y, 1) of those that are projected.
+// Corners of any triangle, from the image's top left corner; (x, y, 1) of those that are projected.
 struct AnyTriangle {
   double x[3], y[3], w[3];
   bool is_projected[3];
@@ -142,7 +142,7 @@ struct AnyCover {
 };
 
 // False: seen from its edge, nothing is covered.
-GPURT_HD inline bool make_any_cover(const RasterVertex *const (&corner)[3], float origin_x, float origin_y,
+GPURT_HD inline bool make_any_cover(const RasterVertex *const (&corner)[3],
                                     const RasterProjection &projection, AnyCover &cover)
 {
   AnyTriangle t;
@@ -151,16 +151,14 @@ GPURT_HD inline bool make_any_cover(const RasterVertex *const (&corner)[3], floa
     const RasterVertex &v = *corner[i];
     t.is_projected[i] = v.is_projectable;
     if (v.is_projectable) {
-      t.x[i] = double(v.x) - double(origin_x);
-      t.y[i] = double(v.y) - double(origin_y);
+      t.x[i] = double(v.x);
+      t.y[i] = double(v.y);
       t.w[i] = 1.0;
       z[i] = double(v.z);
     } else {
       t.w[i] = double(v.h.w);
-      t.x[i] =
-          double(v.h.x) * double(units_per_pixel) + (double(projection.centre_x) - double(origin_x)) * t.w[i];
-      t.y[i] =
-          double(v.h.y) * double(units_per_pixel) + (double(projection.centre_y) - double(origin_y)) * t.w[i];
+      t.x[i] = double(v.h.x) * double(units_per_pixel) + double(projection.centre_x) * t.w[i];
+      t.y[i] = double(v.h.y) * double(units_per_pixel) + double(projection.centre_y) * t.w[i];
       z[i] = 1.0;
     }
   }
@@ -177,12 +175,11 @@ GPURT_HD inline bool make_any_cover(const RasterVertex *const (&corner)[3], floa
   return true;
 }
 
-// As `cover` for small triangles.
-GPURT_INLINE float cover_any(const AnyCover &t, float px, float py, float &share_b, float &share_c)
+// As `cover` for small triangles, of a sample in raster units of the image.
+GPURT_INLINE float cover_any(const AnyCover &t, double px, double py, float &share_b, float &share_c)
 {
-  const double ea = edge_value(t.edge[0], double(px), double(py)),
-               eb = edge_value(t.edge[1], double(px), double(py)),
-               ec = edge_value(t.edge[2], double(px), double(py));
+  const double ea = edge_value(t.edge[0], px, py), eb = edge_value(t.edge[1], px, py),
+               ec = edge_value(t.edge[2], px, py);
   const double b = eb * t.scale[1], c = ec * t.scale[2];
   share_b = float(b);
   share_c = float(c);
@@ -199,6 +196,35 @@ GPURT_INLINE Vec2f cover_uv(const RasterVertex &a, const RasterVertex &b, const 
 {
   const float wb = share_b / z, wc = share_c / z, wa = 1.0f - wb - wc;
   return {fma(wa, a.u, fma(wb, b.u, wc * c.u)), fma(wa, a.v, fma(wb, b.v, wc * c.v))};
+}
+
+// The same of a small triangle, whose 2nd and 3rd corner may have been exchanged.
+GPURT_INLINE Vec2f cover_uv(const SmallTriangle &t, const Vec2f (&corner)[3], float z, float share_b,
+                            float share_c)
+{
+  const float wb = (t.is_swapped ? share_c : share_b) / z, wc = (t.is_swapped ? share_b : share_c) / z;
+  const float wa = 1.0f - wb - wc;
+  return {fma(wa, corner[0].x, fma(wb, corner[1].x, wc * corner[2].x)),
+          fma(wa, corner[0].y, fma(wb, corner[1].y, wc * corner[2].y))};
+}
+
+// Where on its root a sample lies, as a number in the order of (u, v); and back.
+GPURT_INLINE uint32_t ordered_bits(float x)
+{
+  const uint32_t bits = float_bits(x);
+  return bits ^ (bits >> 31 != 0 ? 0xffffffffu : 0x80000000u);
+}
+GPURT_INLINE float float_from_ordered_bits(uint32_t bits)
+{
+  return float_from_bits(bits ^ (bits >> 31 != 0 ? 0x80000000u : 0xffffffffu));
+}
+GPURT_INLINE uint64_t place_key(Vec2f place)
+{
+  return uint64_t(ordered_bits(place.x)) << 32 | ordered_bits(place.y);
+}
+GPURT_INLINE Vec2f place_from_key(uint64_t key)
+{
+  return {float_from_ordered_bits(uint32_t(key >> 32)), float_from_ordered_bits(uint32_t(key))};
 }
 
 struct CellRange {

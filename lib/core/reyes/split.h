@@ -93,25 +93,23 @@ GPURT_HD inline uint8_t decide_edge(const float (&x)[4], const float (&y)[4], co
   return uint8_t(bits - min(segments, max_segment_bits));
 }
 
-GPURT_HD inline uint8_t decide_u_edge(const RasterPatch &patch, uint32_t v, uint32_t u0, uint32_t bits,
-                                      const DiceSettings &dice)
+// Decides edge `e` of a piece.
+GPURT_HD inline uint8_t decide_edge_of(const RasterPatch &patch, const Piece &p, uint32_t e,
+                                       const DiceSettings &dice)
 {
-  const CubicWeights c = cubic_weights(v);
+  const bool along_u = e < 2;
+  const uint32_t at = along_u ? p.v + ((e & 1) << p.v_bits) : p.u + ((e & 1) << p.u_bits);
+  // The isoline's control points: a row of the patch's at v, or a column at u.
+  const uint32_t next = along_u ? 1 : 4, across = along_u ? 4 : 1;
+  const CubicWeights c = cubic_weights(at);
   float x[4], y[4], w[4];
-  row_at(patch.x, c, x);
-  row_at(patch.y, c, y);
-  row_at(patch.w, c, w);
-  return decide_edge(x, y, w, u0, bits, dice);
-}
-GPURT_HD inline uint8_t decide_v_edge(const RasterPatch &patch, uint32_t u, uint32_t v0, uint32_t bits,
-                                      const DiceSettings &dice)
-{
-  const CubicWeights c = cubic_weights(u);
-  float x[4], y[4], w[4];
-  column_at(patch.x, c, x);
-  column_at(patch.y, c, y);
-  column_at(patch.w, c, w);
-  return decide_edge(x, y, w, v0, bits, dice);
+  for (uint32_t k = 0; k < 4; ++k) {
+    const uint32_t i = k * next;
+    x[k] = cubic(c, patch.x[i], patch.x[i + across], patch.x[i + 2 * across], patch.x[i + 3 * across]);
+    y[k] = cubic(c, patch.y[i], patch.y[i + across], patch.y[i + 2 * across], patch.y[i + 3 * across]);
+    w[k] = cubic(c, patch.w[i], patch.w[i + across], patch.w[i + 2 * across], patch.w[i + 3 * across]);
+  }
+  return decide_edge(x, y, w, along_u ? p.u : p.v, along_u ? p.u_bits : p.v_bits, dice);
 }
 
 // The vertex of an isoline nearest to k; of two the upper one.
@@ -199,53 +197,30 @@ GPURT_INLINE uint32_t edge_segment_bits(uint8_t distance_bits, uint32_t bits)
   return distance_bits < bits ? bits - distance_bits : 0;
 }
 
-// Decides what becomes of a piece, and on the way its edges and, for Dice, its grid. `part` has its control points.
-GPURT_HD inline PieceAction decide_piece(const RasterPatch &patch, const RasterPatch &part,
-                                         const DiceSettings &dice, Piece &p)
+// How long row r of the control points of a piece is along u, and column r along v: on the image where the piece is in
+// front of the eye, (x, y) then being pixels and depth_scale 0; else in raster coordinates as they are.
+GPURT_HD inline void polygon_lengths(const float *x, const float *y, const float *w, float depth_scale, int r,
+                                     float &along_u, float &along_v)
 {
-  if (p.edge[0] == open_edge) p.edge[0] = decide_u_edge(patch, p.v, p.u, p.u_bits, dice);
-  if (p.edge[1] == open_edge) p.edge[1] = decide_u_edge(patch, p.v + (1u << p.v_bits), p.u, p.u_bits, dice);
-  if (p.edge[2] == open_edge) p.edge[2] = decide_v_edge(patch, p.u, p.v, p.v_bits, dice);
-  if (p.edge[3] == open_edge) p.edge[3] = decide_v_edge(patch, p.u + (1u << p.u_bits), p.v, p.v_bits, dice);
+  along_u = along_v = 0.0f;
+  for (int c = 0; c < 3; ++c) {
+    const int i = 4 * r + c, j = 4 * c + r;
+    const float ux = x[i + 1] - x[i], uy = y[i + 1] - y[i];
+    const float vx = x[j + 4] - x[j], vy = y[j + 4] - y[j];
+    if (depth_scale == 0.0f) {
+      along_u += sqrt(ux * ux + uy * uy);
+      along_v += sqrt(vx * vx + vy * vy);
+    } else {
+      along_u += length(Vec3f{ux, uy, (w[i + 1] - w[i]) * depth_scale});
+      along_v += length(Vec3f{vx, vy, (w[j + 4] - w[j]) * depth_scale});
+    }
+  }
+}
 
-  // What the inside asks for: the control polygons' lengths along either axis, on the image if they are in front of the
-  // eye; else in raster coordinates as they are.
-  float px[16], py[16];
-  bool is_in_front = true;
-  for (int i = 0; i < 16; ++i) {
-    is_in_front &= part.w[i] >= smallest_w;
-    const float inv_w = 1.0f / part.w[i];
-    px[i] = part.x[i] * inv_w;
-    py[i] = part.y[i] * inv_w;
-  }
-  float length_u = 0.0f, length_v = 0.0f;
-  if (is_in_front) {
-    for (int r = 0; r < 4; ++r) {
-      float along_u = 0.0f, along_v = 0.0f;
-      for (int c = 0; c < 3; ++c) {
-        const int i = 4 * r + c, j = 4 * c + r;
-        const float ux = px[i + 1] - px[i], uy = py[i + 1] - py[i];
-        const float vx = px[j + 4] - px[j], vy = py[j + 4] - py[j];
-        along_u += sqrt(ux * ux + uy * uy);
-        along_v += sqrt(vx * vx + vy * vy);
-      }
-      length_u = max(length_u, along_u);
-      length_v = max(length_v, along_v);
-    }
-  } else {
-    for (int r = 0; r < 4; ++r) {
-      float along_u = 0.0f, along_v = 0.0f;
-      for (int c = 0; c < 3; ++c) {
-        const int i = 4 * r + c, j = 4 * c + r;
-        along_u += length(Vec3f{part.x[i + 1] - part.x[i], part.y[i + 1] - part.y[i],
-                                (part.w[i + 1] - part.w[i]) * dice.half_width});
-        along_v += length(Vec3f{part.x[j + 4] - part.x[j], part.y[j + 4] - part.y[j],
-                                (part.w[j + 4] - part.w[j]) * dice.half_width});
-      }
-      length_u = max(length_u, along_u);
-      length_v = max(length_v, along_v);
-    }
-  }
+// What becomes of a piece whose edges are decided; for Dice, its grid. The lengths are the largest of polygon_lengths.
+GPURT_HD inline PieceAction choose_action(Piece &p, bool is_in_front, float length_u, float length_v,
+                                          const DiceSettings &dice)
+{
   uint32_t inner_u = max_segment_bits + 1, inner_v = max_segment_bits + 1;
   if (is_in_front) {
     inner_u = segment_bits(length_u * dice.inv_edge);
@@ -262,6 +237,32 @@ GPURT_HD inline PieceAction decide_piece(const RasterPatch &patch, const RasterP
   p.grid_v = uint8_t(max(max(edge_segment_bits(p.edge[2], p.v_bits), edge_segment_bits(p.edge[3], p.v_bits)),
                          min(inner_v, max_segment_bits)));
   return PieceAction::Dice;
+}
+
+// Decides what becomes of a piece, and on the way its edges and, for Dice, its grid. `part` has its control points.
+GPURT_HD inline PieceAction decide_piece(const RasterPatch &patch, const RasterPatch &part,
+                                         const DiceSettings &dice, Piece &p)
+{
+  for (uint32_t e = 0; e < 4; ++e) {
+    if (p.edge[e] == open_edge) p.edge[e] = decide_edge_of(patch, p, e, dice);
+  }
+  float px[16], py[16];
+  bool is_in_front = true;
+  for (int i = 0; i < 16; ++i) {
+    is_in_front &= part.w[i] >= smallest_w;
+    const float inv_w = 1.0f / part.w[i];
+    px[i] = part.x[i] * inv_w;
+    py[i] = part.y[i] * inv_w;
+  }
+  float length_u = 0.0f, length_v = 0.0f;
+  for (int r = 0; r < 4; ++r) {
+    float along_u, along_v;
+    if (is_in_front) polygon_lengths(px, py, part.w, 0.0f, r, along_u, along_v);
+    else polygon_lengths(part.x, part.y, part.w, dice.half_width, r, along_u, along_v);
+    length_u = max(length_u, along_u);
+    length_v = max(length_v, along_v);
+  }
+  return choose_action(p, is_in_front, length_u, length_v, dice);
 }
 
 GPURT_FUNCTIONS_END

@@ -291,8 +291,6 @@ class ReyesExecutor : public SerialExecutor {
  private:
   void look_up(uint32_t n)
   {
-    const Transform &m = settings_.camera.camera_to_world;
-    const Vec3f forward{-m.m[0][2], -m.m[1][2], -m.m[2][2]};
     for (uint32_t i = 0; i < n; ++i) {
       const uint32_t k = uint32_t(unit_.first_path) + i, slot = memory_.slot[k];
       Ray &ray = wave_.rays.rays[i];
@@ -303,13 +301,10 @@ class ReyesExecutor : public SerialExecutor {
                          depth_per_t);
         wave_.paths[i].throughput = vec3(memory_.weight[k]);
       }
-      if (memory_.root[slot] == invalid_id) {
-        wave_.hits[i] = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
-        continue;
-      }
-      const float t = 1.0f / (memory_.z[slot] * dot(ray.direction, forward));
-      wave_.hits[i] = hit_of_root(scene_, memory_.root[slot], memory_.u[slot], memory_.v[slot], t);
-      num_shaded_++;
+      const uint32_t root = memory_.root[slot];
+      wave_.hits[i] = hit_of_sample(scene_, settings_.camera, ray, root, memory_.z[slot],
+                                    {memory_.u[slot], memory_.v[slot]});
+      num_shaded_ += root != invalid_id;
     }
   }
 

@@ -57,8 +57,7 @@ class BlockSampler {
         sample_cells(
             cells, [&](float x, float y, float &p, float &q) { return cover(t, x, y, p, q); },
             [&](float z, float share_b, float share_c) {
-              return t.is_swapped ? cover_uv(a, c, b, z, share_b, share_c)
-                                  : cover_uv(a, b, c, z, share_b, share_c);
+              return cover_uv(t, {{a.u, a.v}, {b.u, b.v}, {c.u, c.v}}, z, share_b, share_c);
             });
         return;
       }
@@ -68,9 +67,13 @@ class BlockSampler {
     }
     AnyCover t;
     const RasterVertex *const corners[3] = {&a, &b, &c};
-    if (!make_any_cover(corners, origin_x_, origin_y_, projection_, t)) return;
+    if (!make_any_cover(corners, projection_, t)) return;
+    const double origin_x = double(origin_x_), origin_y = double(origin_y_);
     sample_cells(
-        cells, [&](float x, float y, float &p, float &q) { return cover_any(t, x, y, p, q); },
+        cells,
+        [&](float x, float y, float &p, float &q) {
+          return cover_any(t, double(x) + origin_x, double(y) + origin_y, p, q);
+        },
         [&](float z, float share_b, float share_c) { return cover_uv(a, b, c, z, share_b, share_c); });
   }
 
@@ -140,22 +143,23 @@ class BlockSampler {
           float p, q;
           const float zs = cover(s, px[k], py[k], p, q), zt = cover(t, px[k], py[k], p, q);
           const float nearest = zt > zs ? zt : zs;
-          const float taken = nearest > old_z[k] ? nearest : 0.0f;
+          const float taken = nearest >= old_z[k] ? nearest : 0.0f;
           z[k] = taken;
           any |= float_bits(taken);
         }
         if (any == 0) continue;
         for (uint32_t k = 0; k < n; ++k) {
           if (!(z[k] > 0.0f)) continue;
-          float pb, pc;
-          const bool is_t = cover(s, px[k], py[k], pb, pc) != z[k];
-          if (is_t) cover(t, px[k], py[k], pb, pc);
-          const bool is_swapped = is_t ? t.is_swapped : s.is_swapped;
-          const uint32_t i_b = is_t ? t_b : s_b, i_c = is_t ? t_c : s_c;
-          const float wb = (is_swapped ? pc : pb) / z[k], wc = (is_swapped ? pb : pc) / z[k];
-          const float wa = 1.0f - wb - wc;
-          take(first + k, z[k], fma(wa, g.u[a], fma(wb, g.u[i_b], wc * g.u[i_c])),
-               fma(wa, g.v[a], fma(wb, g.v[i_b], wc * g.v[i_c])));
+          // A micropolygon that is not convex may cover a sample twice.
+          const auto take_if_nearer = [&](const SmallTriangle &triangle, uint32_t i_b, uint32_t i_c) {
+            float pb, pc;
+            const float covered = cover(triangle, px[k], py[k], pb, pc);
+            if (!(covered > 0.0f && covered >= old_z[k])) return;
+            const Vec2f corners[3] = {{g.u[a], g.v[a]}, {g.u[i_b], g.v[i_b]}, {g.u[i_c], g.v[i_c]}};
+            take(first + k, covered, cover_uv(triangle, corners, covered, pb, pc));
+          };
+          take_if_nearer(s, s_b, s_c);
+          take_if_nearer(t, t_b, t_c);
         }
       }
     }
@@ -175,7 +179,7 @@ class BlockSampler {
         for (uint32_t k = 0; k < n; ++k) {
           float p, q;
           const float covered = cover_sample(px[k], py[k], p, q);
-          const float taken = covered > old_z[k] ? covered : 0.0f;
+          const float taken = covered >= old_z[k] ? covered : 0.0f;
           z[k] = taken;
           any |= float_bits(taken);
         }
@@ -184,24 +188,29 @@ class BlockSampler {
           if (!(z[k] > 0.0f)) continue;
           float share_b, share_c;
           cover_sample(px[k], py[k], share_b, share_c);
-          const Vec2f at = uv(z[k], share_b, share_c);
-          take(first + k, z[k], at.x, at.y);
+          take(first + k, z[k], uv(z[k], share_b, share_c));
         }
       }
     }
   }
 
-  void take(uint32_t slot, float z, float u, float v)
+  // What is as near as what the sample has, or nearer.
+  void take(uint32_t slot, float z, Vec2f place)
   {
+    if (z == block_.z[slot]) {
+      const uint32_t root = block_.root[slot];
+      if (root < root_) return;
+      if (root == root_ && place_key(place) >= place_key({block_.u[slot], block_.v[slot]})) return;
+    }
     if (has_masks_) {
-      const Hit hit = hit_of_root(scene_, root_, u, v, 0.0f);
+      const Hit hit = hit_of_root(scene_, root_, place.x, place.y, 0.0f);
       if (is_hole(scene_.scene, hit.triangle, hit.u, hit.v)) return;
     }
     ++num_fragments_;
     block_.z[slot] = z;
     block_.root[slot] = root_;
-    block_.u[slot] = u;
-    block_.v[slot] = v;
+    block_.u[slot] = place.x;
+    block_.v[slot] = place.y;
   }
 
   const ReyesScene &scene_;
