@@ -60,4 +60,8 @@ enum class ScheduleUse { Query, AllHitsQuery, StreamQuery, Render };
 /// UNSUPPORTED naming the first choice that differs; `device` is what the text calls it.
 Schedule resolve_fused_schedule(const Schedule &asked, const char *device);
 
+/// The schedule of a pipeline that shades what it found itself by a path tracer's stages: rays in slots, where the choice
+/// is the library's. Throws UNSUPPORTED where another one was asked for.
+Schedule with_slots(Schedule asked, const char *pipeline);
+
 }  // namespace gpurt

@@ -53,7 +53,7 @@ FilmView GroupFilm::view(std::byte *base, uint32_t width, uint32_t height) const
 static_assert(sizeof(PixelSums) % 8 == 0 && sizeof(PixelFeatures) % 8 == 0 && sizeof(PixelFirstHit) % 8 == 0);
 
 void deliver(const RenderPass &pass, const UnitGroup &group, const FilmView &film,
-             const RenderCounters &counters)
+             const RenderCounters &counters, bool has_eye_rays)
 {
   tbb::enumerable_thread_specific<TileFilm> tiles;
   tbb::parallel_for(size_t(0), group.units.size(), [&](size_t i) {
@@ -65,7 +65,8 @@ void deliver(const RenderPass &pass, const UnitGroup &group, const FilmView &fil
     copy_rows(tile.first_hits, film.first_hits, unit, group.bounds);
     // What the group did together is counted with its first unit: only sums matter.
     RenderCounters c = i == 0 ? counters : RenderCounters{};
-    c.num_samples = c.num_camera_rays = uint64_t(unit.x1 - unit.x0) * (unit.y1 - unit.y0) * unit.num_samples;
+    c.num_samples = uint64_t(unit.x1 - unit.x0) * (unit.y1 - unit.y0) * unit.num_samples;
+    if (has_eye_rays) c.num_camera_rays = c.num_samples;
     pass.deliver(unit, tile, c);
   });
 }

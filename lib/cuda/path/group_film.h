@@ -18,8 +18,8 @@ class GroupFilm {
 };
 
 /// Hands the units of a finished group over, on the host's threads. `counters` are what the group did together, but for its
-/// samples.
+/// samples. `has_eye_rays`: each of these had one.
 void deliver(const RenderPass &pass, const UnitGroup &group, const FilmView &film,
-             const RenderCounters &counters);
+             const RenderCounters &counters, bool has_eye_rays = true);
 
 }  // namespace gpurt::cuda

@@ -23,21 +23,6 @@ constexpr uint64_t max_group_pixels = uint64_t(1) << 19;
 // Small images are cut, so that every lane has something to do while another delivers.
 constexpr uint64_t min_group_paths = uint64_t(1) << 19;
 
-RenderCounters counters_from(const WaveCounters &wave)
-{
-  RenderCounters c;
-  c.num_bounce_rays = wave.num_bounce_rays;
-  c.num_shadow_rays = wave.num_shadow_rays;
-  c.generate_seconds = wave.stage_seconds[uint32_t(PathStage::Generate)];
-  c.trace_seconds = wave.stage_seconds[uint32_t(PathStage::Trace)];
-  c.shade_seconds = wave.stage_seconds[uint32_t(PathStage::Shade)];
-  c.shadow_seconds = wave.stage_seconds[uint32_t(PathStage::Shadow)];
-  c.film_seconds = wave.stage_seconds[uint32_t(PathStage::Film)];
-  c.largest_sample = wave.largest_sample;
-  c.schedule = wave.schedule;
-  return c;
-}
-
 class PassRenderer {
  public:
   PassRenderer(const RenderPass &pass, const TraceScene &scene, const std::shared_ptr<DeviceMemory> &memory)
@@ -117,11 +102,13 @@ class PassRenderer {
     for (uint64_t first = 0; first < num_paths; first += work.capacity()) {
       const PathUnit part{u.x0, u.y0, u.x1, u.y1, u.first_sample, first};
       const uint32_t count = uint32_t(std::min<uint64_t>(work.capacity(), num_paths - first));
-      const auto render = [&](auto &&render_part, auto &memory) {
+      const auto render = [&](auto &memory, auto &&render_part) {
         return render_part(scene_, pass_.settings, part, film, count, pass_.cancelled, memory, lane.stream(),
                            counters);
       };
-      const bool is_done = work.pool ? render(render_pool, *work.pool) : render(render_wave, *work.wave);
+      const bool is_done =
+          work.pool ? render(*work.pool, render_pool)
+                    : render(*work.wave, [](auto &&...arguments) { return render_wave(arguments...); });
       if (!is_done) return;
     }
     std::byte *host = static_cast<std::byte *>(lane.to_host.reserve(most_film_bytes_));
@@ -142,6 +129,21 @@ class PassRenderer {
 };
 
 }  // namespace
+
+RenderCounters counters_from(const WaveCounters &wave)
+{
+  RenderCounters c;
+  c.num_bounce_rays = wave.num_bounce_rays;
+  c.num_shadow_rays = wave.num_shadow_rays;
+  c.generate_seconds = wave.stage_seconds[uint32_t(PathStage::Generate)];
+  c.trace_seconds = wave.stage_seconds[uint32_t(PathStage::Trace)];
+  c.shade_seconds = wave.stage_seconds[uint32_t(PathStage::Shade)];
+  c.shadow_seconds = wave.stage_seconds[uint32_t(PathStage::Shadow)];
+  c.film_seconds = wave.stage_seconds[uint32_t(PathStage::Film)];
+  c.largest_sample = wave.largest_sample;
+  c.schedule = wave.schedule;
+  return c;
+}
 
 void render_on_device(const RenderPass &pass, const TraceScene &scene,
                       const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes)

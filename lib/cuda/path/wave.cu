@@ -46,8 +46,15 @@ constexpr const char *stage_names[] = {"path stage 'generate'", "path stage 'tra
 class StreamExecutor {
  public:
   StreamExecutor(const TraceScene &scene, const std::atomic<bool> *cancelled, WaveMemory &memory,
-                 cudaStream_t stream, WaveCounters &counters)
-      : scene_(scene), cancelled_(cancelled), memory_(memory), stream_(stream), counters_(counters)
+                 cudaStream_t stream, WaveCounters &counters, const PathUnit &unit,
+                 const RayStandIns &stand_ins)
+      : scene_(scene),
+        cancelled_(cancelled),
+        memory_(memory),
+        stream_(stream),
+        counters_(counters),
+        unit_(unit),
+        stand_ins_(stand_ins)
   {
     memory_.clock.start(stream_);
   }
@@ -72,6 +79,12 @@ class StreamExecutor {
 
   void trace_closest(const Ray *rays, Hit *hits, uint32_t n)
   {
+    if (is_first_trace_ && stand_ins_.eye_hits) {
+      stand_ins_.eye_hits(unit_, memory_.wave(), n, stream_);
+      is_first_trace_ = false;
+      memory_.clock.mark(stream_, PathStage::Trace);
+      return;
+    }
     if (ScheduledTracer *tracer = memory_.tracer())
       tracer->closest(scene_, rays, n, HitLayout::Internal, hits);
     else launch_closest(scene_, rays, n, HitLayout::Internal, hits, order(is_first_trace_), stream_);
@@ -82,6 +95,10 @@ class StreamExecutor {
 
   void trace_occluded(const Ray *rays, uint8_t *occluded, uint32_t n)
   {
+    if (stand_ins_.no_shadows) {
+      check(cudaMemsetAsync(occluded, 0, n, stream_), "cudaMemsetAsync");
+      return;
+    }
     if (ScheduledTracer *tracer = memory_.tracer()) tracer->any(scene_, rays, n, occluded);
     else launch_any(scene_, rays, n, occluded, order(false), stream_);
     counters_.num_shadow_rays += n;
@@ -180,6 +197,8 @@ class StreamExecutor {
   WaveMemory &memory_;
   cudaStream_t stream_;
   WaveCounters &counters_;
+  const PathUnit &unit_;
+  const RayStandIns &stand_ins_;
   bool is_first_trace_ = true;
   bool was_cancelled_ = false;
 };
@@ -279,9 +298,10 @@ void trace_uber_paths(StreamExecutor &exec, const TraceScene &scene, const PathS
 
 bool render_wave(const TraceScene &scene, const PathSettings &settings, const PathUnit &unit,
                  const FilmView &film, uint32_t num_paths, const std::atomic<bool> *cancelled,
-                 WaveMemory &memory, cudaStream_t stream, WaveCounters &counters)
+                 WaveMemory &memory, cudaStream_t stream, WaveCounters &counters,
+                 const RayStandIns &stand_ins)
 {
-  StreamExecutor executor(scene, cancelled, memory, stream, counters);
+  StreamExecutor executor(scene, cancelled, memory, stream, counters, unit, stand_ins);
   const Schedule &schedule = memory.schedule();
   if (schedule.traversal == Traversal::Uber) {
     trace_uber_paths(executor, scene, settings, unit, film, num_paths, memory, stream, counters);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -92,10 +93,20 @@ struct WaveCounters {
   ScheduleCounters schedule;
 };
 
+/// What another pipeline, whose points are shaded by these stages, puts in place of tracing rays.
+struct RayStandIns {
+  /// Writes the hits of the wave's eye rays on the stream; null: they are traced.
+  std::function<void(const PathUnit &unit, const PathWave &wave, uint32_t num_paths, cudaStream_t stream)>
+      eye_hits;
+  bool no_shadows = false;  // nothing stands between a surface and a light
+};
+
 /// Renders paths 0 .. num_paths - 1 of the unit, at most the wave's capacity, into a film in device memory. Returns
-/// when they are done; false if `cancelled` became true on the way, with part of the paths in the film.
+/// when they are done; false if `cancelled` became true on the way, with part of the paths in the film. Stand-ins need a
+/// schedule that generates rays in slots.
 bool render_wave(const TraceScene &scene, const PathSettings &settings, const PathUnit &unit,
                  const FilmView &film, uint32_t num_paths, const std::atomic<bool> *cancelled,
-                 WaveMemory &memory, cudaStream_t stream, WaveCounters &counters);
+                 WaveMemory &memory, cudaStream_t stream, WaveCounters &counters,
+                 const RayStandIns &stand_ins = {});
 
 }  // namespace gpurt::cuda
