@@ -995,7 +995,7 @@ typedef enum gpurt_pipeline {
   GPURT_PIPELINE_AUTO = 0, /* path, until there is a planner */
   GPURT_PIPELINE_PATH = 1,
   GPURT_PIPELINE_PHOTON = 2,
-  GPURT_PIPELINE_REYES = 3,  /* this version: on CPU devices, max_depth at most 2; else UNSUPPORTED */
+  GPURT_PIPELINE_REYES = 3,  /* this version: max_depth at most 2; else UNSUPPORTED */
   GPURT_PIPELINE_HYBRID = 4, /* this version: UNSUPPORTED */
   GPURT_PIPELINE_FORCE32 = 0x7fffffff
 } gpurt_pipeline;
@@ -1098,14 +1098,14 @@ typedef struct gpurt_reyes_counters {
   uint64_t num_culled;        /* pieces that cannot be seen */
   uint64_t num_grids;         /* pieces that were diced */
   uint64_t num_micropolygons; /* of these */
-  uint64_t num_fragments;     /* times that a sample took a surface, nearer than what it had */
-  uint64_t num_shaded;        /* points where light was computed */
-  uint64_t largest_queue;     /* pieces that waited at a time */
-  uint64_t largest_bucket;    /* primitives that a bucket of the image had to look at */
-  uint64_t working_bytes;     /* memory of the pipeline at a time, beside the scene and the film */
-  double bound_seconds;       /* per stage, summed over threads */
+  uint64_t num_fragments; /* times that a sample took a surface; on CUDA devices, that one covered a sample */
+  uint64_t num_shaded;    /* points where light was computed */
+  uint64_t largest_queue; /* pieces that waited at a time */
+  uint64_t largest_bucket; /* primitives that a bucket of the image, or a CUDA device, looked at at a time */
+  uint64_t working_bytes;  /* memory of the pipeline at a time, beside the scene and the film */
+  double bound_seconds;    /* per stage, summed over threads */
   double split_seconds;
-  double dice_seconds;
+  double dice_seconds; /* on CUDA devices 0: grids are diced and sampled by one kernel */
   double sample_seconds;
   uint64_t reserved[5];
 } gpurt_reyes_counters;

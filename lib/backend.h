@@ -208,8 +208,9 @@ inline PhotonPilot CommittedScene::photon_pilot(const PathSettings &, const Emis
 inline void CommittedScene::require_reyes() const
 {
   fail(GPURT_ERROR_UNSUPPORTED,
-       "GPURT_PIPELINE_REYES is not supported by CUDA devices in this version; use a CPU device, or "
-       "GPURT_PIPELINE_PATH with max_depth 2 for direct light alone");
+       "GPURT_PIPELINE_REYES is not supported by this device; use GPURT_PIPELINE_PATH with max_depth 2 for "
+       "direct "
+       "light alone");
 }
 
 /// What a committed scene may offer beside CommittedScene: queries that are queued on the caller's stream. The handles are

@@ -75,9 +75,9 @@ gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc
     const bool has_photons = plan.desc.pipeline == GPURT_PIPELINE_PHOTON;
     if (has_photons) f->commit->committed->require_photons();
     if (plan.desc.pipeline == GPURT_PIPELINE_REYES) asked = with_slots(asked, "GPURT_PIPELINE_REYES");
-    plan.desc.schedule = describe(has_photons
-                                      ? resolve_fused_schedule(asked, "photon mapping")
-                                      : f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
+    plan.desc.schedule =
+        describe(has_photons ? resolve_fused_schedule(asked, "photon mapping")
+                             : f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
     const auto object = std::make_shared<JobObject>();
     object->frame = f;
     object->job = Job::submit(f->frame, plan.desc, checked_tiles(tiles, num_tiles));

@@ -15,6 +15,7 @@
 #include "cuda/photon/photon_map.h"
 #include "cuda/photon/render.h"
 #include "cuda/probe.h"
+#include "cuda/reyes/render.h"
 #include "error.h"
 
 namespace gpurt::cuda {
@@ -118,6 +119,8 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   {
     const DeviceScope scope(device_->memory->ordinal());
     if (pass.photon != nullptr) render_photons_on_device(pass, trace_scene_, device_->memory, device_->lanes);
+    else if (pass.reyes != nullptr)
+      render_reyes_on_device(pass, trace_scene_, reyes_scene(), device_->memory, device_->lanes);
     else render_on_device(pass, trace_scene_, device_->memory, device_->lanes);
   }
 
@@ -130,6 +133,8 @@ class CudaScene final : public CommittedScene, public StreamTracing {
     return photon_pilot_on_device(settings, emission, num_photons, points_per_axis, trace_scene_,
                                   device_->memory, device_->lanes);
   }
+
+  void require_reyes() const override {}
 
   Schedule resolve_schedule(const Schedule &asked, ScheduleUse use) const override
   {
@@ -166,6 +171,15 @@ class CudaScene final : public CommittedScene, public StreamTracing {
                                  device_->memory->ordinal()),
           "cudaDeviceGetAttribute");
     facts_.accel_bytes = accel->bytes();
+  }
+
+  ReyesDeviceScene reyes_scene() const
+  {
+    ReyesDeviceScene reyes{scene_->reyes_view(), 0, compiled_->environment.is_present != 0};
+    reyes.view.scene = trace_scene_.scene;
+    if (!compiled_->root_ranges.empty()) reyes.num_roots = compiled_->root_ranges.back().first_root;
+    for (const Light &light : compiled_->lights) reyes.has_found_light |= light.type == LightType::Triangle;
+    return reyes;
   }
 
   std::shared_ptr<SharedDevice> device_;

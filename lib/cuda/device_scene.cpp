@@ -31,6 +31,11 @@ DeviceScene::DeviceScene(const CompiledScene &scene, const std::shared_ptr<Devic
   std::vector<Texture> textures = scene.textures;
   for (Texture &texture : textures) texture.texels = on_device.at(texture.texels);
   view_.textures = keep(textures, "the scene's textures");
+  reyes_ = scene.reyes_view();
+  reyes_.scene = view_;
+  reyes_.control_points = keep(scene.control_points, "the scene's patches");
+  reyes_.patches = keep(scene.patch_ranges, "the scene's patches");
+  reyes_.ranges = keep(scene.root_ranges, "the scene's patches");
 }
 
 template <class T>

@@ -13,6 +13,7 @@ class DeviceScene {
 
   /// Pointers to device memory, valid while this lives.
   const SceneView &view() const { return view_; }
+  const ReyesScene &reyes_view() const { return reyes_; }
   uint64_t bytes() const { return bytes_; }
 
  private:
@@ -23,6 +24,7 @@ class DeviceScene {
   cudaStream_t stream_;
   std::vector<DeviceBuffer<std::byte>> buffers_;
   SceneView view_{};
+  ReyesScene reyes_{};
   uint64_t bytes_ = 0;
 };
 

@@ -113,7 +113,6 @@ TEST_P(References, ImageAgreesWithinItsNoise)
   const RgbImage reference =
       read_rgb_exr((scenes_folder() / "reference" / (std::string(test.reference) + ".exr")).string());
 
-  if (test.pipeline == reyes && device_type() != GPURT_DEVICE_CPU) GTEST_SKIP() << "REYES is for CPU devices";
   Device device = make_device(device_type());
   ASSERT_NE(gpurt_device(device), nullptr);
   Scene scene;

@@ -1,9 +1,18 @@
-// REYES: no cracks, what path tracing sees, and an image that depends on nothing but the scene and the settings.
+// REYES: no cracks, what path tracing sees, and an image that depends on nothing but the scene and the settings; on the CPU
+// and on a CUDA device.
 #include "../support/patch_shapes.h"
 
 namespace {
 
 using namespace gpurt_test;
+
+class Reyes : public ::testing::TestWithParam<gpurt_device_type> {
+ protected:
+  void SetUp() override
+  {
+    if (GetParam() == GPURT_DEVICE_CUDA && !has_cuda()) GTEST_SKIP() << "no CUDA device";
+  }
+};
 
 RenderOptions reyes_options(uint32_t size, uint32_t spp, float shading_rate = 0)
 {
@@ -75,9 +84,9 @@ gpurt_statistics statistics_of(gpurt_frame frame)
 
 // Catalogue row 37: whatever stands within a closed surface sees it in every direction. Eyes lie anywhere inside, also so
 // close to the surface that pieces cross the eye plane.
-TEST(Reyes, SeesNoBackgroundFromWithinAClosedSurface)
+TEST_P(Reyes, SeesNoBackgroundFromWithinAClosedSurface)
 {
-  Device device = make_device();
+  Device device = make_device(GetParam());
   std::mt19937_64 rng(1);
   int num_cameras = 0;
   for (const auto &[nets, largest] : {std::pair{closed_patches(1, 0.0, 1), 0.75},
@@ -116,9 +125,9 @@ TEST(Reyes, SeesNoBackgroundFromWithinAClosedSurface)
 }
 
 // Outlines are those of the surface within one sample: path tracing of a fine tessellation takes the same eye rays.
-TEST(Reyes, CoversWhatPathTracingOfAFineTessellationHits)
+TEST_P(Reyes, CoversWhatPathTracingOfAFineTessellationHits)
 {
-  Device device = make_device();
+  Device device = make_device(GetParam());
   std::mt19937_64 rng(2);
   uint64_t num_edge = 0, num_off = 0;
   for (const auto &nets : {closed_patches(1, 0.2, 4), closed_patches(2, 0.3, 5), poles(4)}) {
@@ -155,9 +164,9 @@ TEST(Reyes, CoversWhatPathTracingOfAFineTessellationHits)
 }
 
 // The image is that of path tracing with the same light: patches, meshes, instances, lamps, masks.
-TEST(Reyes, ShadesAsPathTracingDoes)
+TEST_P(Reyes, ShadesAsPathTracingDoes)
 {
-  Device device = make_device();
+  Device device = make_device(GetParam());
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
   const uint32_t red = add_material(scene, GPURT_MATERIAL_LAMBERT, {0.8f, 0.2f, 0.1f});
@@ -206,7 +215,7 @@ TEST(Reyes, ShadesAsPathTracingDoes)
 }
 
 // Catalogue rows 40, 49 and 47: tiles, threads and memory change no bit, nor do surfaces in the same place.
-TEST(Reyes, HasTheSameBitsForAnyTilesThreadsAndMemory)
+TEST_P(Reyes, HasTheSameBitsForAnyTilesThreadsAndMemory)
 {
   std::vector<float> first;
   std::vector<uint32_t> first_ids;
@@ -214,7 +223,7 @@ TEST(Reyes, HasTheSameBitsForAnyTilesThreadsAndMemory)
                                              {2u, 16u, uint64_t(0)},
                                              {2u, 7u, uint64_t(0)},
                                              {1u, 256u, uint64_t(12) << 20}}) {
-    Device device = make_device(GPURT_DEVICE_CPU, threads, limit);
+    Device device = make_device(GetParam(), threads, limit);
     Scene scene;
     GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
     // Every patch twice, in one geometry and in another: ties everywhere.
@@ -249,9 +258,9 @@ TEST(Reyes, HasTheSameBitsForAnyTilesThreadsAndMemory)
 }
 
 // A job in parts is the job at once; other settings in one frame are refused.
-TEST(Reyes, GoesOnWhereItWas)
+TEST_P(Reyes, GoesOnWhereItWas)
 {
-  Device device = make_device();
+  Device device = make_device(GetParam());
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
   add_patches(scene, closed_patches(1, 0.1, 3));
@@ -277,9 +286,9 @@ TEST(Reyes, GoesOnWhereItWas)
 }
 
 // Catalogue row 38: surfaces through the eye and around it, and time that does not run away.
-TEST(Reyes, SurvivesPatchesThroughTheEye)
+TEST_P(Reyes, SurvivesPatchesThroughTheEye)
 {
-  Device device = make_device();
+  Device device = make_device(GetParam());
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
   // A floor just below, a wall that the eye nearly touches, and a ceiling closer still.
@@ -303,9 +312,9 @@ TEST(Reyes, SurvivesPatchesThroughTheEye)
 }
 
 // Catalogue rows 43 and 44.
-TEST(Reyes, TakesDegenerateAndNeedlePatches)
+TEST_P(Reyes, TakesDegenerateAndNeedlePatches)
 {
-  Device device = make_device();
+  Device device = make_device(GetParam());
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
   PatchNet point{}, line = flat_patch({-1, 0.5f, 0}, {2, 0, 0}, {0, 0, 0});
@@ -339,9 +348,9 @@ TEST(Reyes, TakesDegenerateAndNeedlePatches)
 }
 
 // Catalogue row 41: the outline of a curved surface is the better the smaller micropolygons are.
-TEST(Reyes, OutlinesImproveWithTheShadingRate)
+TEST_P(Reyes, OutlinesImproveWithTheShadingRate)
 {
-  Device device = make_device();
+  Device device = make_device(GetParam());
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
   add_patches(scene, closed_patches(1, 0.0, 1));
@@ -363,5 +372,8 @@ TEST(Reyes, OutlinesImproveWithTheShadingRate)
   }
   EXPECT_GT(last, 0);
 }
+
+INSTANTIATE_TEST_SUITE_P(Cpu, Reyes, ::testing::Values(GPURT_DEVICE_CPU));
+INSTANTIATE_TEST_SUITE_P(Cuda, Reyes, ::testing::Values(GPURT_DEVICE_CUDA));
 
 }  // namespace

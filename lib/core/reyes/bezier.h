@@ -36,11 +36,6 @@ GPURT_INLINE void column_at(const float (&p)[16], const CubicWeights &u, float (
 {
   for (int r = 0; r < 4; ++r) column[r] = cubic(u, p[4 * r], p[4 * r + 1], p[4 * r + 2], p[4 * r + 3]);
 }
-// Along u of the curve at v.
-GPURT_INLINE void row_at(const float (&p)[16], const CubicWeights &v, float (&row)[4])
-{
-  for (int c = 0; c < 4; ++c) row[c] = cubic(v, p[c], p[4 + c], p[8 + c], p[12 + c]);
-}
 
 // Every vertex of every grid is this function of its patch and parameters.
 GPURT_HD inline RasterPoint patch_point(const RasterPatch &patch, uint32_t ku, uint32_t kv)

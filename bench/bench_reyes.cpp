@@ -1,0 +1,243 @@
+// REYES frames: time of every stage on the device, micropolygons a second. One JSON line a case.
+//
+//   bench_reyes [--device cpu|cuda] [--scene FILE]... [--size WxH]... [--spp N] [--rate AREA] [--shadows 0|1]
+//               [--repeats N] [--threads N]
+//
+// Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here. Each frame is a new one; the first
+// of a case is not counted. Times of stages are medians of what the device spent; "visible_ms" is their sum up to what
+// every sample sees, "wall_ms" a whole frame from its creation to its last pixel on the host.
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "gpurt.h"
+
+namespace {
+
+void check(gpurt_result result, const char *what)
+{
+  if (result == GPURT_OK) return;
+  std::fprintf(stderr, "error: %s: %s\n", what, gpurt_last_error());
+  std::exit(1);
+}
+
+double now()
+{
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+struct Size {
+  uint32_t width, height;
+};
+
+struct Options {
+  bool is_cuda = true;
+  std::vector<std::string> scenes;
+  std::vector<Size> sizes;
+  uint32_t spp = 9, repeats = 9, threads = 0;
+  bool has_shadows = false;
+  float rate = 0.25f;
+};
+
+using Point = std::array<float, 3>;
+
+// Patches on the faces of a cube that is blown up to a ball, with dents.
+std::vector<Point> ball(int n)
+{
+  std::vector<Point> points;
+  const int steps = 3 * n;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (int side = 0; side < 2; ++side) {
+      for (int patch = 0; patch < n * n; ++patch) {
+        for (int k = 0; k < 16; ++k) {
+          double p[3];
+          p[axis] = side ? 1 : -1;
+          p[(axis + 1) % 3] = 2.0 * (3 * (patch / n) + k / 4) / steps - 1;
+          p[(axis + 2) % 3] = 2.0 * (3 * (patch % n) + k % 4) / steps - 1;
+          const double length = std::sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+          const double dent = 1 + 0.08 * std::sin(9 * p[0]) * std::sin(8 * p[1]) * std::sin(7 * p[2]);
+          Point q;
+          for (int c = 0; c < 3; ++c) q[c] = float(p[c] * dent / length);
+          points.push_back(q);
+        }
+      }
+    }
+  }
+  return points;
+}
+
+void add_patches(gpurt_scene scene, const std::vector<Point> &points, uint32_t material)
+{
+  gpurt_patches_desc patches = GPURT_PATCHES_DESC_INIT;
+  patches.material = material;
+  patches.control_points.data = points.data();
+  patches.control_points.count = points.size();
+  uint32_t id = 0;
+  gpurt_instance_desc instance = GPURT_INSTANCE_DESC_INIT;
+  check(gpurt_scene_add_patches(scene, &patches, &instance.geometry), "gpurt_scene_add_patches");
+  check(gpurt_scene_add_instance(scene, &instance, &id), "gpurt_scene_add_instance");
+}
+
+void fill(gpurt_scene scene)
+{
+  gpurt_material_desc metal = GPURT_MATERIAL_DESC_INIT;
+  metal.type = GPURT_MATERIAL_METAL;
+  metal.roughness = 0.4f;
+  for (float &c : metal.base_color) c = 0.8f;
+  uint32_t material = 0, id = 0;
+  check(gpurt_scene_add_material(scene, &metal, &material), "gpurt_scene_add_material");
+  add_patches(scene, ball(20), material);
+  std::vector<Point> floor;
+  for (int k = 0; k < 16; ++k) floor.push_back({float(k % 4) * 8 - 12, -1.0f, 12 - float(k / 4) * 8});
+  add_patches(scene, floor, 0);
+  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+  for (float &c : light.intensity) c = 40;
+  light.position[0] = 3;
+  light.position[1] = light.position[2] = 4;
+  check(gpurt_scene_add_light(scene, &light, &id), "gpurt_scene_add_light");
+  gpurt_camera_desc camera = GPURT_CAMERA_DESC_INIT;
+  camera.yfov_rad = 0.7f;
+  camera.transform[7] = 0.2f;
+  camera.transform[11] = 4;
+  check(gpurt_scene_add_camera(scene, &camera, &id), "gpurt_scene_add_camera");
+}
+
+double median(std::vector<double> values)
+{
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
+
+void run(gpurt_scene scene, const char *name, const char *device, const Size &size, const Options &o)
+{
+  const struct {
+    const char *name;
+    double (*seconds)(const gpurt_statistics &);
+  } stages[] = {
+      {"bound_ms", [](const gpurt_statistics &s) { return s.reyes_counters.bound_seconds; }},
+      {"split_ms", [](const gpurt_statistics &s) { return s.reyes_counters.split_seconds; }},
+      {"dice_ms", [](const gpurt_statistics &s) { return s.reyes_counters.dice_seconds; }},
+      {"sample_ms", [](const gpurt_statistics &s) { return s.reyes_counters.sample_seconds; }},
+      {"visible_ms",
+       [](const gpurt_statistics &s) {
+         const gpurt_reyes_counters &c = s.reyes_counters;
+         return c.bound_seconds + c.split_seconds + c.dice_seconds + c.sample_seconds;
+       }},
+      {"generate_ms", [](const gpurt_statistics &s) { return s.generate_seconds; }},
+      {"trace_ms", [](const gpurt_statistics &s) { return s.trace_seconds; }},
+      {"shade_ms", [](const gpurt_statistics &s) { return s.shade_seconds; }},
+      {"shadow_ms", [](const gpurt_statistics &s) { return s.shadow_seconds; }},
+      {"film_ms", [](const gpurt_statistics &s) { return s.film_seconds; }},
+      {"job_ms", [](const gpurt_statistics &s) { return s.render_seconds; }},
+  };
+  std::vector<std::vector<double>> seconds(std::size(stages));
+  std::vector<double> wall;
+  gpurt_statistics s = GPURT_STATISTICS_INIT;
+  for (uint32_t i = 0; i <= o.repeats; ++i) {
+    const double start = now();
+    gpurt_frame_desc frame_desc = GPURT_FRAME_DESC_INIT;
+    frame_desc.width = size.width;
+    frame_desc.height = size.height;
+    gpurt_frame frame = nullptr;
+    check(gpurt_frame_create(scene, &frame_desc, &frame), "gpurt_frame_create");
+    gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+    desc.pipeline = GPURT_PIPELINE_REYES;
+    desc.samples_per_pixel = o.spp;
+    desc.reyes.shading_rate = o.rate;
+    desc.reyes.no_shadows = o.has_shadows ? 0 : 1;
+    gpurt_job job = nullptr;
+    check(gpurt_frame_submit(frame, &desc, nullptr, 0, &job), "gpurt_frame_submit");
+    check(gpurt_job_wait(job, GPURT_WAIT_FOREVER), "gpurt_job_wait");
+    gpurt_job_release(job);
+    const double end = now();
+    check(gpurt_frame_get_statistics(frame, &s), "gpurt_frame_get_statistics");
+    gpurt_frame_release(frame);
+    if (i == 0) continue;
+    wall.push_back(end - start);
+    for (size_t k = 0; k < std::size(stages); ++k) seconds[k].push_back(stages[k].seconds(s));
+  }
+  const gpurt_reyes_counters &c = s.reyes_counters;
+  std::printf(
+      "{\"bench\":\"reyes\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
+      "\"shading_rate\":%g,\"shadows\":%d,\"wall_ms\":%.4f",
+      device, name, size.width, size.height, o.spp, double(o.rate), int(o.has_shadows), median(wall) * 1e3);
+  double visible = 0;
+  for (size_t k = 0; k < std::size(stages); ++k) {
+    const double ms = median(seconds[k]) * 1e3;
+    if (std::string(stages[k].name) == "visible_ms") visible = ms;
+    std::printf(",\"%s\":%.4f", stages[k].name, ms);
+  }
+  std::printf(
+      ",\"patches\":%llu,\"triangles\":%llu,\"splits\":%llu,\"culled\":%llu,\"grids\":%llu,\"micropolygons\":"
+      "%llu,"
+      "\"fragments\":%llu,\"shaded\":%llu,\"largest_queue\":%llu,\"working_bytes\":%llu,\"gmp_per_s\":%.3f}"
+      "\n",
+      (unsigned long long)c.num_patches, (unsigned long long)c.num_triangles,
+      (unsigned long long)c.num_splits, (unsigned long long)c.num_culled, (unsigned long long)c.num_grids,
+      (unsigned long long)c.num_micropolygons, (unsigned long long)c.num_fragments,
+      (unsigned long long)c.num_shaded, (unsigned long long)c.largest_queue,
+      (unsigned long long)c.working_bytes, double(c.num_micropolygons) / visible * 1e-6);
+  std::fflush(stdout);
+}
+
+Options parse(int argc, char **argv)
+{
+  Options o;
+  for (int i = 1; i < argc; i += 2) {
+    const std::string name = argv[i], value = i + 1 < argc ? argv[i + 1] : "";
+    Size size{};
+    if (name == "--device") o.is_cuda = value == "cuda";
+    else if (name == "--scene") o.scenes.push_back(value);
+    else if (name == "--size" && std::sscanf(value.c_str(), "%ux%u", &size.width, &size.height) == 2)
+      o.sizes.push_back(size);
+    else if (name == "--spp") o.spp = uint32_t(std::max(1, std::atoi(value.c_str())));
+    else if (name == "--rate") o.rate = float(std::atof(value.c_str()));
+    else if (name == "--shadows") o.has_shadows = value == "1";
+    else if (name == "--repeats") o.repeats = uint32_t(std::max(1, std::atoi(value.c_str())));
+    else if (name == "--threads") o.threads = uint32_t(std::atoi(value.c_str()));
+    else {
+      std::fprintf(stderr, "error: unknown option %s %s\n", name.c_str(), value.c_str());
+      std::exit(2);
+    }
+  }
+  if (o.sizes.empty()) o.sizes = {{512, 512}, {1920, 1080}};
+  return o;
+}
+
+}  // namespace
+
+int main(int argc, char **argv)
+{
+  const Options options = parse(argc, argv);
+  gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
+  desc.type = options.is_cuda ? GPURT_DEVICE_CUDA : GPURT_DEVICE_CPU;
+  desc.num_threads = options.threads;
+  gpurt_device device = nullptr;
+  check(gpurt_device_create(&desc, &device), "gpurt_device_create");
+  gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
+  check(gpurt_device_get_properties(device, &properties), "gpurt_device_get_properties");
+  std::vector<std::string> scenes = options.scenes;
+  if (scenes.empty()) scenes.push_back("");
+  for (const std::string &path : scenes) {
+    gpurt_scene scene = nullptr;
+    if (path.empty()) {
+      check(gpurt_scene_create(device, &scene), "gpurt_scene_create");
+      fill(scene);
+    } else {
+      check(gpurt_scene_load(device, path.c_str(), &scene), "gpurt_scene_load");
+    }
+    gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+    build.accel = GPURT_ACCEL_BVH;
+    check(gpurt_scene_commit(scene, &build), "gpurt_scene_commit");
+    const std::string name = path.empty() ? "ball" : path.substr(path.find_last_of('/') + 1);
+    for (const Size &size : options.sizes) run(scene, name.c_str(), properties.name, size, options);
+    gpurt_scene_release(scene);
+  }
+  gpurt_device_release(device);
+}

@@ -1,0 +1,164 @@
+#include "cuda/reyes/render.h"
+
+#include <algorithm>
+#include <optional>
+
+#include "cuda/path/group_film.h"
+#include "cuda/path/render.h"
+#include "cuda/path/wave.h"
+#include "cuda/reyes/visible.h"
+#include "error.h"
+#include "memory.h"
+
+namespace gpurt::cuda {
+namespace {
+
+// What a group splits and dices serves all of its samples, so groups are as large as memory lets them be.
+constexpr uint64_t max_group_samples = uint64_t(1) << 25;
+constexpr uint64_t max_group_pixels = uint64_t(1) << 22;
+constexpr uint64_t min_group_samples = uint64_t(1) << 12;
+// Paths that are shaded together.
+constexpr uint32_t max_wave_paths = uint32_t(1) << 21;
+constexpr uint32_t min_wave_paths = uint32_t(1) << 13;
+// Each level takes half the memory of the last one.
+constexpr unsigned num_levels = 14;
+
+class ReyesRenderer {
+ public:
+  ReyesRenderer(const RenderPass &pass, const TraceScene &scene, const ReyesDeviceScene &reyes,
+                const std::shared_ptr<DeviceMemory> &memory)
+      : pass_(pass),
+        scene_(scene),
+        reyes_(reyes),
+        memory_(memory),
+        needs_rays_(pass.reyes->no_shadows == 0 || reyes.has_found_light)
+  {}
+
+  void run(Lane &lane, const std::atomic<bool> &stop)
+  {
+    const std::unique_ptr<Workspace> work = allocate(lane.stream());
+    const WaitAtEnd wait(lane.stream());
+    for (const UnitGroup &group : work->groups) {
+      if (stop || is_cancelled() || !render_group(group, *work, lane)) return;
+    }
+  }
+
+ private:
+  struct Workspace {
+    std::vector<UnitGroup> groups;
+    std::optional<VisibleSamples> samples;
+    std::optional<WaveMemory> wave;
+    DeviceBuffer<std::byte> film;
+    uint64_t film_bytes = 0;
+  };
+
+  bool is_cancelled() const
+  {
+    return pass_.cancelled != nullptr && pass_.cancelled->load(std::memory_order_relaxed);
+  }
+
+  // The largest groups, lists and waves that memory has room for.
+  std::unique_ptr<Workspace> allocate(cudaStream_t stream) const
+  {
+    for (unsigned level = 0;; ++level) {
+      try {
+        return allocate_level(level, stream);
+      } catch (const Error &e) {
+        if (e.result() != GPURT_ERROR_OUT_OF_MEMORY || level + 1 == num_levels) throw;
+      }
+    }
+  }
+
+  std::unique_ptr<Workspace> allocate_level(unsigned level, cudaStream_t stream) const
+  {
+    auto work = std::make_unique<Workspace>();
+    work->groups = group_units(pass_.units, std::max(max_group_samples >> level, min_group_samples),
+                               max_group_pixels >> level);
+    uint64_t num_samples = 1, num_cells = 1;
+    for (const UnitGroup &g : work->groups) {
+      num_samples = std::max(num_samples, g.num_paths());
+      num_cells = std::max(num_cells, VisibleSamples::cells_of(g.bounds, *pass_.reyes));
+      work->film_bytes = std::max(work->film_bytes, GroupFilm(g.num_pixels(), pass_.outputs).bytes());
+    }
+    work->samples.emplace(memory_, reyes_.view, reyes_.num_roots, *pass_.reyes,
+                          ReyesListSizes::at_level(level, reyes_.num_roots), num_samples, num_cells);
+    const uint32_t wave_paths = std::max(max_wave_paths >> level, min_wave_paths);
+    if (needs_rays_)
+      work->wave.emplace(memory_, uint32_t(std::min<uint64_t>(num_samples, wave_paths)), pass_.schedule,
+                         stream);
+    work->film = {memory_, work->film_bytes, "the film of a group of units"};
+    return work;
+  }
+
+  // False: cancelled.
+  bool render_group(const UnitGroup &group, Workspace &work, Lane &lane) const
+  {
+    const WorkUnit &u = group.bounds;
+    VisibleSamples &samples = *work.samples;
+    RenderCounters counters;
+    if (!samples.find(u, pass_.settings, pass_.cancelled, lane.stream(), counters.reyes)) return false;
+
+    const GroupFilm layout(group.num_pixels(), pass_.outputs);
+    check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
+    const FilmView film = layout.view(work.film.data(), u.x1 - u.x0, u.y1 - u.y0);
+    WaveCounters wave_counters;
+    if (!needs_rays_) samples.shade_at_once(pass_.settings, film, lane.stream());
+    else if (!shade_with_rays(group, work, film, lane, wave_counters)) return false;
+    auto *host = static_cast<std::byte *>(lane.to_host.reserve(work.film_bytes));
+    check(cudaMemcpyAsync(host, work.film.data(), layout.bytes(), cudaMemcpyDeviceToHost, lane.stream()),
+          "cudaMemcpyAsync");
+    lane.synchronize();
+    const ReyesCounters found = counters.reyes;
+    counters = counters_from(wave_counters);
+    counters.reyes = found;
+    samples.collect(lane.stream(), counters);
+    counters.reyes.working_bytes = samples.bytes();
+    deliver(pass_, group, layout.view(host, u.x1 - u.x0, u.y1 - u.y0), counters, false);
+    return true;
+  }
+
+  // Path tracing's stages with what samples see in place of eye rays' hits. False: cancelled.
+  bool shade_with_rays(const UnitGroup &group, Workspace &work, const FilmView &film, Lane &lane,
+                       WaveCounters &counters) const
+  {
+    const WorkUnit &u = group.bounds;
+    RayStandIns stand_ins;
+    stand_ins.eye_hits = [&](const PathUnit &unit, const PathWave &wave, uint32_t n, cudaStream_t stream) {
+      work.samples->write_eye_hits(pass_.settings, unit, wave, n, stream);
+    };
+    stand_ins.no_shadows = pass_.reyes->no_shadows != 0;
+    const uint64_t num_paths = group.num_paths(), capacity = work.wave->capacity();
+    for (uint64_t first = 0; first < num_paths; first += capacity) {
+      const PathUnit part{u.x0, u.y0, u.x1, u.y1, u.first_sample, first};
+      const uint32_t count = uint32_t(std::min<uint64_t>(capacity, num_paths - first));
+      if (!render_wave(scene_, pass_.settings, part, film, count, pass_.cancelled, *work.wave, lane.stream(),
+                       counters, stand_ins)) {
+        return false;
+      }
+    }
+    return true;
+  }
+
+  const RenderPass &pass_;
+  const TraceScene &scene_;
+  const ReyesDeviceScene &reyes_;
+  const std::shared_ptr<DeviceMemory> &memory_;
+  const bool needs_rays_;
+};
+
+}  // namespace
+
+void render_reyes_on_device(const RenderPass &pass, const TraceScene &scene, const ReyesDeviceScene &reyes,
+                            const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes)
+{
+  if (pass.units.empty()) return;
+  if (reyes.num_roots > max_roots) {
+    fail_invalid("the scene has {} patches and triangles through its instances; REYES takes at most {}",
+                 reyes.num_roots, max_roots);
+  }
+  ReyesRenderer renderer(pass, scene, reyes, memory);
+  run_on_lanes(lanes, memory->ordinal(), 1,
+               [&](Lane &lane, const std::atomic<bool> &stop) { renderer.run(lane, stop); });
+}
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,23 @@
+// REYES of one pass on a CUDA device.
+#pragma once
+
+#include "backend.h"
+#include "cuda/accel/kernels.h"
+#include "cuda/lanes.h"
+
+namespace gpurt::cuda {
+
+/// What REYES has to know of a committed scene beside its arrays, whose pointers are the device's.
+struct ReyesDeviceScene {
+  ReyesScene view;
+  uint64_t num_roots;
+  bool has_found_light;  // lamps or an environment: light that rays from surfaces may meet
+};
+
+/// Renders the units of `pass`, which has settings of REYES. Returns when all are delivered or left out by cancellation.
+/// The device must be current, and the schedule one with slots. Throws OUT_OF_MEMORY, and INVALID_ARGUMENT for more
+/// primitives than ids.
+void render_reyes_on_device(const RenderPass &pass, const TraceScene &scene, const ReyesDeviceScene &reyes,
+                            const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes);
+
+}  // namespace gpurt::cuda

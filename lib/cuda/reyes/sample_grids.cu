@@ -1,0 +1,192 @@
+// Stages 'dice' and 'sample' of patches in one kernel: a warp dices a piece into shared memory and samples what it made.
+//
+// Vertices never leave the multiprocessor. A lane takes a micropolygon at a time, and the lanes of a warp write their
+// samples together: what a memory transaction carries decides, not how many meet at a sample.
+//
+// Here micropolygons are tiny: all numbers of their edges are whole and stay below 2^24 in whatever order they are added, so
+// that fused operations have the bits of `cover`. Grids that have others go on to the general kernel.
+#include "cuda/reyes/warp_grid.h"
+
+namespace gpurt::cuda {
+namespace {
+
+// Of a micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 1024 * (1024 + 256) < 2^24.
+constexpr int32_t tiny_extent = 1024;
+
+// A triangle from its vertex a, turned so that its inside is positive: edges a x + b y + c opposite to each corner.
+struct TinyTriangle {
+  float aa, ab, ac, ba, bb, ca, cb;  // those of b and c go through a
+  float za, zb, zc;
+  float threshold_a, threshold_b, threshold_c;
+};
+
+// As make_small_triangle.
+__device__ __forceinline__ bool make_tiny_triangle(float az, float bx, float by, float bz, float cx, float cy,
+                                                   float cz, TinyTriangle &t)
+{
+  const float twice_area = bx * cy - by * cx;
+  const bool is_swapped = twice_area < 0.0f;
+  const float inv_area = 1.0f / abs(twice_area);
+  const float px = is_swapped ? cx : bx, py = is_swapped ? cy : by, qx = is_swapped ? bx : cx,
+              qy = is_swapped ? by : cy;
+  t.aa = py - qy;
+  t.ab = qx - px;
+  t.ac = (qy - py) * px - (qx - px) * py;
+  t.ba = qy;
+  t.bb = -qx;
+  t.ca = -py;
+  t.cb = px;
+  t.threshold_a = edge_threshold(px, py, qx, qy);
+  t.threshold_b = edge_threshold(qx, qy, 0.0f, 0.0f);
+  t.threshold_c = edge_threshold(0.0f, 0.0f, px, py);
+  t.za = az * inv_area;
+  t.zb = (is_swapped ? cz : bz) * inv_area;
+  t.zc = (is_swapped ? bz : cz) * inv_area;
+  return twice_area != 0.0f;
+}
+
+// As `cover`.
+__device__ __forceinline__ float cover_tiny(const TinyTriangle &t, float x, float y)
+{
+  const float ea = fma(t.aa, x, fma(t.ab, y, t.ac)), eb = fma(t.ba, x, t.bb * y), ec = fma(t.ca, x, t.cb * y);
+  const float z = ea * t.za + eb * t.zb + ec * t.zc;
+  return ea > t.threshold_a && eb > t.threshold_b && ec > t.threshold_c ? z : 0.0f;
+}
+
+// Where on the root a sample of a micropolygon lies: of its two triangles, if both are there equally near, the smaller.
+__device__ __noinline__ uint64_t spot_of(const WarpGrid &g, uint32_t quad, int32_t sample_x, int32_t sample_y,
+                                         float z)
+{
+  const uint32_t width = (1u << g.piece.grid_u) + 1, num_u = width - 1;
+  const uint32_t a = (quad >> g.piece.grid_u) * width + (quad & (num_u - 1));
+  const uint32_t at[4] = {a, a + 1, a + width + 1, a + width};
+  const int32_t ox = g.x[a], oy = g.y[a];
+  uint64_t spot = ~uint64_t(0);
+  for (int i = 0; i < 2; ++i) {
+    const uint32_t k[3] = {at[0], at[i + 1], at[i + 2]};
+    SmallTriangle t;
+    if (!make_small_triangle(0.0f, 0.0f, g.z[k[0]], float(g.x[k[1]] - ox), float(g.y[k[1]] - oy), g.z[k[1]],
+                             float(g.x[k[2]] - ox), float(g.y[k[2]] - oy), g.z[k[2]], t)) {
+      continue;
+    }
+    float share_b, share_c;
+    if (cover(t, float(sample_x - ox), float(sample_y - oy), share_b, share_c) != z) continue;
+    const Vec2f corners[3] = {place_of_vertex(g, k[0]), place_of_vertex(g, k[1]), place_of_vertex(g, k[2])};
+    spot = min(spot, place_key(cover_uv(t, corners, z, share_b, share_c)));
+  }
+  return spot;
+}
+
+template <bool finds_spots>
+__global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_constant__ ReyesBatch b)
+{
+  __shared__ WarpGrid grids[block_size / 32];
+  WarpGrid &g = grids[threadIdx.x / 32];
+  const uint32_t lane = threadIdx.x % 32;
+  const uint32_t num_leaves = b.numbers->num_leaves;
+  uint32_t num_grids = 0, num_micropolygons = 0, num_fragments = 0;
+  for (uint32_t leaf; (leaf = next_item(&b.numbers->tickets[0], num_leaves)) != num_leaves;) {
+    const uint32_t slot = b.leaves[leaf].slot, root = b.roots[slot];
+    if (finds_spots && !is_visible(b, root)) continue;
+    copy_words(g.piece, b.leaves[leaf].piece, lane);
+    copy_words(g.patch, b.patches[slot], lane);
+    __syncwarp();
+    const bool is_in_front = dice(g, b.projection, lane);
+    __syncwarp();
+    const uint32_t num_u = 1u << g.piece.grid_u, width = num_u + 1,
+                   num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);
+    ++num_grids;
+    num_micropolygons += num_quads;
+    for (uint32_t first = 0; first < num_quads; first += 32) {
+      const uint32_t q = first + lane;
+      const bool is_quad = q < num_quads;
+      const uint32_t ia = is_quad ? (q >> g.piece.grid_u) * width + (q & (num_u - 1)) : 0, ib = ia + 1,
+                     ic = ia + width + 1, id = ia + width;
+      const int32_t ax = g.x[ia], ay = g.y[ia], bx = g.x[ib], by = g.y[ib], cx = g.x[ic], cy = g.y[ic],
+                    dx = g.x[id], dy = g.y[id];
+      const int32_t x0 = min(min(ax, bx), min(cx, dx)), x1 = max(max(ax, bx), max(cx, dx));
+      const int32_t y0 = min(min(ay, by), min(cy, dy)), y1 = max(max(ay, by), max(cy, dy));
+      const bool is_tiny = is_in_front && x1 - x0 <= tiny_extent && y1 - y0 <= tiny_extent;
+      if (__any_sync(all_lanes, is_quad && !is_tiny)) {
+        if (lane == 0) b.rest[atomicAdd(&b.numbers->num_rest, 1u)] = leaf * 8 + first / 32;
+        break;
+      }
+      TinyTriangle s, t;
+      const float za = g.z[ia], zc = g.z[ic];
+      const float rcx = float(cx - ax), rcy = float(cy - ay);
+      const bool has_s = make_tiny_triangle(za, float(bx - ax), float(by - ay), g.z[ib], rcx, rcy, zc, s);
+      const bool has_t = make_tiny_triangle(za, rcx, rcy, zc, float(dx - ax), float(dy - ay), g.z[id], t);
+      CellRange cells{0, 0, -1, -1};
+      const bool is_there = is_quad && (has_s || has_t) && cells_of_box(b.samples, x0, y0, x1, y1, cells);
+      // One without area covers nothing.
+      if (!has_s) s.threshold_a = infinity;
+      if (!has_t) t.threshold_a = infinity;
+      SampleWalk walk(b.samples, cells, is_there);
+      while (__any_sync(all_lanes, walk.is_at_sample())) {
+        float z = 0.0f;
+        uint32_t place = 0;
+        if (walk.is_at_sample()) {
+          place = b.samples.places[walk.slot()];
+          const float x = float(walk.x(b.samples, place) - ax), y = float(walk.y(b.samples, place) - ay);
+          const float zs = cover_tiny(s, x, y), zt = cover_tiny(t, x, y);
+          z = zt > zs ? zt : zs;
+        }
+        if constexpr (finds_spots) {
+          uint64_t spot = 0;
+          const bool takes = z > 0.0f && b.samples.keys[walk.slot()] == sample_key_of(z, root);
+          if (takes) spot = spot_of(g, q, walk.x(b.samples, place), walk.y(b.samples, place), z);
+          __syncwarp();
+          if (takes) atomicMin(b.samples.spots + walk.slot(), static_cast<unsigned long long>(spot));
+        } else {
+          num_fragments += z > 0.0f ? 1 : 0;
+          __syncwarp();
+          if (z > 0.0f) put<false>(b, walk.slot(), root, z, {});
+        }
+        walk.advance(b.samples);
+      }
+    }
+    __syncwarp();
+  }
+  if (finds_spots) return;
+  if (lane == 0) {
+    atomicAdd(&b.numbers->num_grids, static_cast<unsigned long long>(num_grids));
+    atomicAdd(&b.numbers->num_micropolygons, static_cast<unsigned long long>(num_micropolygons));
+  }
+  add_of_lanes(&b.numbers->num_fragments, num_fragments);
+}
+
+// All grids are for the general kernel.
+__global__ void __launch_bounds__(block_size)
+    leave_all(const __grid_constant__ ReyesBatch b, bool finds_spots)
+{
+  const uint32_t num_leaves = b.numbers->num_leaves;
+  uint32_t num_grids = 0, num_micropolygons = 0;
+  for (uint64_t leaf = thread_item(); leaf < num_leaves; leaf += uint64_t(gridDim.x) * block_size) {
+    const QueuedPiece &q = b.leaves[leaf];
+    if (finds_spots && !is_visible(b, b.roots[q.slot])) continue;
+    b.rest[atomicAdd(&b.numbers->num_rest, 1u)] = uint32_t(leaf) * 8;
+    ++num_grids;
+    num_micropolygons += 1u << (q.piece.grid_u + q.piece.grid_v);
+  }
+  if (finds_spots) return;
+  __syncwarp();
+  add_of_lanes(&b.numbers->num_grids, num_grids);
+  add_of_lanes(&b.numbers->num_micropolygons, num_micropolygons);
+}
+
+}  // namespace
+
+void launch_sample_grids(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream)
+{
+  const uint64_t n = uint64_t(batch.leaf_capacity) * 32;
+  if (batch.scene.scene.has_alpha_masks != 0) {
+    launch_persistent("REYES' grids of masked surfaces", leave_all, batch.leaf_capacity, stream, batch,
+                      finds_spots);
+  } else if (finds_spots) {
+    launch_persistent("REYES stages 'dice' and 'sample', places", sample_grids<true>, n, stream, batch);
+  } else {
+    launch_persistent("REYES stages 'dice' and 'sample'", sample_grids<false>, n, stream, batch);
+  }
+}
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,262 @@
+// Stage 'sample' on a lane of a warp: samples that triangles cover, and what they leave there. For .cu files alone.
+#pragma once
+
+#include "core/reyes/map.h"
+#include "core/scene/surface.h"
+#include "cuda/launch.h"
+#include "cuda/reyes/stages.h"
+
+namespace gpurt::cuda {
+
+constexpr unsigned all_lanes = 0xffffffffu;
+
+__device__ __forceinline__ bool is_visible(const ReyesBatch &b, uint32_t root)
+{
+  return b.visible == nullptr || (b.visible[root / 32] >> root % 32 & 1) != 0;
+}
+
+// Cells that a box in raster units of the image touches; false: none.
+__device__ __forceinline__ bool cells_of_box(const SampleGrid &g, int32_t x0, int32_t y0, int32_t x1,
+                                             int32_t y1, CellRange &cells)
+{
+  cells.x0 = max((x0 - g.x0) >> g.cell_bits, 0);
+  cells.y0 = max((y0 - g.y0) >> g.cell_bits, 0);
+  cells.x1 = min((x1 - g.x0) >> g.cell_bits, g.cells_x - 1);
+  cells.y1 = min((y1 - g.y0) >> g.cell_bits, g.cells_y - 1);
+  return cells.x0 <= cells.x1 && cells.y0 <= cells.y1;
+}
+
+__device__ __forceinline__ uint32_t cell_index(const SampleGrid &g, int32_t x, int32_t y)
+{
+  if (g.cell_bits == unit_bits) return uint32_t(y * g.cells_x + x);
+  return uint32_t(((y >> 1) * (g.cells_x >> 1) + (x >> 1)) * 4 + (x & 1) + 2 * (y & 1));
+}
+
+__device__ __forceinline__ unsigned long long sample_key_of(float z, uint32_t root)
+{
+  return static_cast<unsigned long long>(float_bits(z)) << 32 | uint32_t(~root);
+}
+
+// Whether a sample that is covered takes the surface, and where on it it lies. The first time samples keep what is
+// nearest, the second time the smallest place of that.
+template <bool finds_spots, bool has_masks, class Place>
+__device__ __forceinline__ bool is_taken(const ReyesBatch &b, uint32_t slot, uint32_t root, float z,
+                                         const Place &place, Vec2f &at)
+{
+  if constexpr (finds_spots) {
+    if (b.samples.keys[slot] != sample_key_of(z, root)) return false;
+  }
+  if constexpr (finds_spots || has_masks) at = place();
+  if constexpr (has_masks) {
+    const Hit hit = hit_of_root(b.scene, root, at.x, at.y, 0.0f);
+    if (is_hole(b.scene.scene, hit.triangle, hit.u, hit.v)) return false;
+  }
+  return true;
+}
+
+template <bool finds_spots>
+__device__ __forceinline__ void put(const ReyesBatch &b, uint32_t slot, uint32_t root, float z, Vec2f at)
+{
+  if constexpr (finds_spots) atomicMin(b.samples.spots + slot, place_key(at));
+  else atomicMax(b.samples.keys + slot, sample_key_of(z, root));
+}
+
+// A lane's way through the samples of some cells, one at a time. Cells of a pixel's row follow one another.
+class SampleWalk {
+ public:
+  __device__ SampleWalk(const SampleGrid &g, const CellRange &cells, bool is_there)
+      : cells_(cells), pixel_((cells.x0 >> shift(g)) - 1), y_(cells.y0), is_there_(is_there)
+  {
+    seek(g);
+  }
+  __device__ bool is_at_sample() const { return k_ < end_; }
+  __device__ void advance(const SampleGrid &g)
+  {
+    if (k_ < end_) ++k_;
+    seek(g);
+  }
+  __device__ uint32_t slot() const { return k_; }
+  // In raster units of the image.
+  __device__ int32_t x(const SampleGrid &g) const { return x(g, g.places[k_]); }
+  __device__ int32_t y(const SampleGrid &g) const { return y(g, g.places[k_]); }
+  __device__ int32_t x(const SampleGrid &g, uint32_t place) const
+  {
+    return g.x0 + (pixel_ << unit_bits) + int32_t(place & 255);
+  }
+  __device__ int32_t y(const SampleGrid &g, uint32_t place) const
+  {
+    return g.y0 + (y_ >> shift(g) << unit_bits) + int32_t(place >> 8);
+  }
+
+ private:
+  // log2 of the cells that a pixel has along an axis: 0 or 1.
+  static __device__ int32_t shift(const SampleGrid &g) { return unit_bits - g.cell_bits; }
+
+  __device__ void seek(const SampleGrid &g)
+  {
+    while (k_ == end_ && is_there_) {
+      const int32_t s = shift(g);
+      if (++pixel_ > cells_.x1 >> s) {
+        pixel_ = cells_.x0 >> s;
+        if (++y_ > cells_.y1) {
+          is_there_ = false;
+          return;
+        }
+      }
+      const int32_t first = pixel_ << s;
+      const uint32_t row = cell_index(g, first, y_) - uint32_t(first);
+      k_ = g.first[row + uint32_t(max(cells_.x0, first))];
+      end_ = g.first[row + uint32_t(min(cells_.x1, first + s)) + 1];
+    }
+  }
+
+  CellRange cells_;
+  int32_t pixel_, y_;
+  bool is_there_;
+  uint32_t k_ = 0, end_ = 0;
+};
+
+// One or two small triangles a lane, from an origin in raster units; `places(i, corners)` are the (u, v) of their corners.
+// The lanes of a warp look at a sample each at a time, so that they write together.
+template <bool finds_spots, bool has_masks, int num, class Places>
+__device__ void sample_small(const ReyesBatch &b, uint32_t root, bool is_there, const CellRange &cells,
+                             int32_t origin_x, int32_t origin_y, const SmallTriangle (&t)[num],
+                             const Places &places, uint32_t &num_fragments)
+{
+  const SampleGrid &g = b.samples;
+  SampleWalk walk(g, cells, is_there);
+  while (__any_sync(all_lanes, walk.is_at_sample())) {
+    float z[num], share_b[num], share_c[num];
+    float nearest = 0.0f;
+    if (walk.is_at_sample()) {
+      const float x = float(walk.x(g) - origin_x), y = float(walk.y(g) - origin_y);
+      for (int i = 0; i < num; ++i) {
+        z[i] = cover(t[i], x, y, share_b[i], share_c[i]);
+        nearest = z[i] > nearest ? z[i] : nearest;
+      }
+    }
+    if constexpr (!finds_spots) num_fragments += nearest > 0.0f ? 1 : 0;
+    if constexpr (!finds_spots && !has_masks) {
+      __syncwarp();
+      if (nearest > 0.0f) put<false>(b, walk.slot(), root, nearest, {});
+    } else if (__any_sync(all_lanes, nearest > 0.0f)) {
+      for (int i = 0; i < num; ++i) {
+        Vec2f at{};
+        const bool takes = nearest > 0.0f && z[i] > 0.0f &&
+                           is_taken<finds_spots, has_masks>(
+                               b, walk.slot(), root, z[i],
+                               [&] {
+                                 Vec2f corners[3];
+                                 places(i, corners);
+                                 return cover_uv(t[i], corners, z[i], share_b[i], share_c[i]);
+                               },
+                               at);
+        __syncwarp();
+        if (takes) put<finds_spots>(b, walk.slot(), root, z[i], at);
+      }
+    }
+    walk.advance(g);
+  }
+}
+
+// A large triangle and the cells that it may cover.
+struct LargeCover {
+  RasterVertex corners[3];
+  AnyCover cover;
+  CellRange cells;
+  bool is_projected;
+};
+
+// False: it covers nothing.
+__device__ inline bool make_large_cover(const ReyesBatch &b, const LargeTriangle &t, LargeCover &out)
+{
+  const SampleGrid &g = b.samples;
+  for (int i = 0; i < 3; ++i)
+    out.corners[i] = raster_vertex(t.corners[i], t.places[i].x, t.places[i].y, b.projection);
+  const RasterVertex(&c)[3] = out.corners;
+  out.is_projected = c[0].is_projectable && c[1].is_projectable && c[2].is_projectable;
+  out.cells = {0, 0, g.cells_x - 1, g.cells_y - 1};
+  if (out.is_projected) {
+    const float x0 = min(min(c[0].x, c[1].x), c[2].x), x1 = max(max(c[0].x, c[1].x), c[2].x);
+    const float y0 = min(min(c[0].y, c[1].y), c[2].y), y1 = max(max(c[0].y, c[1].y), c[2].y);
+    if (!cells_of_box(g, int32_t(x0), int32_t(y0), int32_t(x1), int32_t(y1), out.cells)) return false;
+  } else {
+    const float x[3] = {c[0].h.x, c[1].h.x, c[2].h.x}, y[3] = {c[0].h.y, c[1].h.y, c[2].h.y},
+                w[3] = {c[0].h.w, c[1].h.w, c[2].h.w};
+    if (!can_be_seen(x, y, w, 3, t.largest, b.rect)) return false;
+  }
+  const RasterVertex *const corners[3] = {&c[0], &c[1], &c[2]};
+  return make_any_cover(corners, b.projection, out.cover);
+}
+
+// A sample of the walk's; whether the triangle covers it.
+template <bool finds_spots, bool has_masks>
+__device__ bool test_large(const ReyesBatch &b, const LargeTriangle &t, const LargeCover &large,
+                           const SampleWalk &walk, float &z, Vec2f &at, bool &covers)
+{
+  float share_b, share_c;
+  const SampleGrid &g = b.samples;
+  z = cover_any(large.cover, double(walk.x(g)), double(walk.y(g)), share_b, share_c);
+  covers = z > 0.0f;
+  return covers &&
+         is_taken<finds_spots, has_masks>(
+             b, walk.slot(), t.root, z,
+             [&] {
+               return cover_uv(large.corners[0], large.corners[1], large.corners[2], z, share_b, share_c);
+             },
+             at);
+}
+
+// Leaves a large triangle to the kernel for those; where the list of them is full, samples it by this lane alone. Lanes
+// need not be together.
+template <bool finds_spots, bool has_masks>
+__device__ __noinline__ void hand_on_large(const ReyesBatch &b, const LargeTriangle &t,
+                                           uint32_t &num_fragments)
+{
+  const uint32_t at = atomicAdd(&b.numbers->num_large, 1u);
+  if (at < b.large_capacity) {
+    b.large[at] = t;
+    return;
+  }
+  LargeCover large;
+  if (!make_large_cover(b, t, large)) return;
+  for (SampleWalk walk(b.samples, large.cells, true); walk.is_at_sample(); walk.advance(b.samples)) {
+    float z;
+    Vec2f place{};
+    bool covers;
+    if (test_large<finds_spots, has_masks>(b, t, large, walk, z, place, covers))
+      put<finds_spots>(b, walk.slot(), t.root, z, place);
+    if constexpr (!finds_spots) num_fragments += covers ? 1 : 0;
+  }
+}
+
+// Adds what the lanes of a warp counted.
+__device__ __forceinline__ void add_of_lanes(unsigned long long *sum, uint32_t count)
+{
+  for (int offset = 16; offset != 0; offset /= 2) count += __shfl_down_sync(all_lanes, count, offset);
+  if (threadIdx.x % 32 == 0 && count != 0) atomicAdd(sum, static_cast<unsigned long long>(count));
+}
+
+// The next of `n` items for this warp; n: none is left.
+__device__ __forceinline__ uint32_t next_item(uint32_t *ticket, uint32_t n)
+{
+  uint32_t item = 0;
+  if (threadIdx.x % 32 == 0) item = atomicAdd(ticket, 1u);
+  item = __shfl_sync(all_lanes, item, 0);
+  return item < n ? item : n;
+}
+
+/// Calls launch(kernel) with the instance of a kernel template for the batch.
+template <class Launch>
+void choose_kernel(bool finds_spots, bool has_masks, const Launch &launch_kernel)
+{
+  if (finds_spots) {
+    if (has_masks) launch_kernel(std::true_type(), std::true_type());
+    else launch_kernel(std::true_type(), std::false_type());
+  } else {
+    if (has_masks) launch_kernel(std::false_type(), std::true_type());
+    else launch_kernel(std::false_type(), std::false_type());
+  }
+}
+
+}  // namespace gpurt::cuda

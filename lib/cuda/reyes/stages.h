@@ -1,0 +1,132 @@
+// REYES' stages as host code calls them, and the lists that they hand on in device memory.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include "core/path/path_wave.h"
+#include "core/reyes/filter.h"
+#include "core/reyes/sample.h"
+
+namespace gpurt::cuda {
+
+/// The samples of a rectangle of the image, by square cells of it: whole pixels, or their four quarters one after another,
+/// pixels row by row. Samples of cell c are first[c] .. first[c + 1] - 1.
+struct SampleGrid {
+  const uint32_t *first;      // [cells + 1]
+  const uint16_t *places;     // where in its pixel a sample lies, in raster units: x | y << 8
+  unsigned long long *keys;   // what it sees: the bits of 1 / w, then ~root; 0: nothing
+  unsigned long long *spots;  // place_key of that; all bits set: not known yet
+  int32_t x0, y0;             // raster units of cell 0 in the image
+  int32_t cells_x, cells_y;
+  int32_t cell_bits;  // log2 of a cell's edge in raster units
+  uint32_t num_samples;
+};
+
+/// A piece of a patch that is to be cut, or diced.
+struct QueuedPiece {
+  Piece piece;
+  uint32_t slot;  // of its patch in the batch
+};
+
+/// A triangle that is too large for one lane, or behind the eye in part.
+struct LargeTriangle {
+  RasterPoint corners[3];
+  Vec2f places[3];  // (u, v) of its root
+  RasterPoint largest;
+  uint32_t root;
+};
+
+/// What the stages count, in device memory.
+struct ReyesNumbers {
+  // Of the batch.
+  uint32_t num_slots, num_triangles;
+  uint32_t next_slot;   // patches that were taken to be cut
+  uint32_t waiting;     // pieces on the stack
+  uint32_t num_leaves;  // that are to be diced
+  uint32_t num_large;
+  uint32_t num_rest;    // grids that are left to the general kernel
+  uint32_t pushed[3];   // of three rounds of cutting
+  uint32_t tickets[4];  // of grids, triangles, large triangles, the rest of grids
+  // Of the group.
+  uint32_t largest_queue;
+  uint32_t largest_sample;  // bits of the largest radiance
+  unsigned long long num_patches, num_triangles_seen, num_splits, num_culled, num_grids, num_micropolygons,
+      num_fragments, num_shaded;
+};
+
+/// A batch of roots on its way through the stages, and the group of samples that it is for.
+struct ReyesBatch {
+  ReyesScene scene;
+  RasterProjection projection;
+  DiceSettings dice;
+  RasterRect rect;  // of the samples, with a pixel around them
+  SampleGrid samples;
+  const uint32_t *visible;  // a bit a root; null: all roots may be seen
+  RasterPatch *patches;     // [slots]
+  RasterPoint *largest;     // of a slot's control points
+  uint32_t *roots;          // of slots
+  uint32_t *triangles;      // roots of meshes
+  QueuedPiece *stack;
+  uint32_t stack_capacity;
+  QueuedPiece *leaves;
+  uint32_t leaf_capacity;
+  uint32_t *rest;  // of grids whose micropolygons are not all tiny: leaf * 8 + the first 32 that are left
+  LargeTriangle *large;
+  uint32_t *large_tiles;  // sums of the tiles of large triangles
+  uint32_t large_capacity;
+  ReyesNumbers *numbers;
+};
+
+/// What decides where samples lie, and which of the group they are.
+struct SamplePlaces {
+  PathUnit unit;         // the group
+  uint64_t num_samples;  // a pixel
+  uint64_t seed;
+  uint32_t frame_index;
+  ReyesFilter filter;
+  FilterTable table;
+};
+
+/// Finds places for the samples of a group: slots[k] is where the sample of path k lies in the grid, whose `first` and
+/// `places` are written. `counts`: a number a cell, and `scan_memory`, where the filter is not a box's; else null.
+void launch_place_samples(const SamplePlaces &places, const SampleGrid &grid, uint32_t *first, uint16_t *at,
+                          uint32_t *slots, uint32_t *counts, void *scan_memory, uint64_t scan_bytes,
+                          cudaStream_t stream);
+
+/// Roots first_root .. first_root + num_roots - 1: patches that may be seen get slots, triangles are listed.
+void launch_bound_roots(const ReyesBatch &batch, uint64_t first_root, uint32_t num_roots,
+                        cudaStream_t stream);
+
+/// Cuts pieces until none wait, or until the list of those that are to be diced is full.
+void launch_split(const ReyesBatch &batch, cudaStream_t stream);
+
+/// Dices pieces and puts micropolygons into the samples; the second time, samples learn where on their root they are.
+void launch_sample_grids(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
+void launch_sample_rest(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
+void launch_sample_triangles(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
+void launch_sample_large(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
+
+/// Sets the bits of the roots that samples see.
+void launch_mark_visible(const SampleGrid &grid, uint32_t *visible, cudaStream_t stream);
+
+/// What eye rays of paths 0 .. n - 1 of the unit meet is what samples first_slot .. see.
+struct EyeHits {
+  ReyesScene scene;
+  PathSettings settings;
+  SamplePlaces places;
+  PathUnit unit;
+  const uint32_t *slots;
+  const unsigned long long *keys, *spots;
+  ReyesNumbers *numbers;
+};
+void launch_eye_hits(const EyeHits &eye, const PathWave &wave, uint32_t n, cudaStream_t stream);
+
+/// Shades the group's samples into a film of zeros without a ray: eye.unit is the whole group. For scenes where nothing but
+/// points, spots and distant lights shines, without shadows. largest_bits: the bits of the largest radiance.
+void launch_shade_pixels(const EyeHits &eye, const FilmView &film, uint32_t num_pixels,
+                         uint32_t *largest_bits, cudaStream_t stream);
+
+/// Bytes for sums over `n` counts.
+uint64_t place_scan_bytes(uint32_t n);
+
+}  // namespace gpurt::cuda

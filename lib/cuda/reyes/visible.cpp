@@ -1,0 +1,277 @@
+#include "cuda/reyes/visible.h"
+
+#include <algorithm>
+
+#include "cuda/layout.h"
+
+namespace gpurt::cuda {
+namespace {
+
+// Fewer samples a pixel lie in cells of a whole pixel, more in its quarters.
+int32_t cell_bits_for(uint64_t samples_per_pixel)
+{
+  return samples_per_pixel >= 3 ? unit_bits - 1 : unit_bits;
+}
+
+}  // namespace
+
+ReyesListSizes ReyesListSizes::at_level(unsigned level, uint64_t num_roots)
+{
+  const auto room = [&](unsigned bits, uint32_t least) {
+    return std::max(level < bits ? uint32_t(1) << (bits - level) : 1u, least);
+  };
+  ReyesListSizes s{room(17, 256), room(19, 1024), room(20, 1024), room(16, 256)};
+  s.roots = uint32_t(std::clamp<uint64_t>(num_roots, 1, s.roots));
+  return s;
+}
+
+struct VisibleSamples::Arrays {
+  uint32_t *first, *slots, *counts, *visible, *roots, *triangles, *rest, *large_tiles;
+  uint16_t *at;
+  unsigned long long *keys, *spots;
+  std::byte *scan_memory;
+  uint64_t scan_bytes;
+  RasterPatch *patches;
+  RasterPoint *largest;
+  QueuedPiece *stack, *leaves;
+  LargeTriangle *large;
+  ReyesNumbers *numbers;
+  uint64_t bytes;
+};
+
+VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListSizes &sizes,
+                                               uint64_t num_samples, uint64_t num_cells, uint64_t num_roots,
+                                               bool has_filter)
+{
+  Layout layout(base);
+  Arrays a;
+  a.first = layout.take<uint32_t>(num_cells + 1);
+  a.at = layout.take<uint16_t>(num_samples);
+  a.slots = layout.take<uint32_t>(num_samples);
+  a.keys = layout.take<unsigned long long>(num_samples);
+  a.spots = layout.take<unsigned long long>(num_samples);
+  a.counts = layout.take<uint32_t>(has_filter ? num_cells : 0);
+  a.scan_bytes = has_filter ? place_scan_bytes(uint32_t(num_cells)) : 0;
+  a.scan_memory = layout.take<std::byte>(a.scan_bytes);
+  a.visible = layout.take<uint32_t>(num_roots / 32 + 1);
+  a.roots = layout.take<uint32_t>(sizes.roots);
+  a.triangles = layout.take<uint32_t>(sizes.roots);
+  a.patches = layout.take<RasterPatch>(sizes.roots);
+  a.largest = layout.take<RasterPoint>(sizes.roots);
+  a.stack = layout.take<QueuedPiece>(sizes.stack);
+  a.leaves = layout.take<QueuedPiece>(sizes.leaves);
+  a.rest = layout.take<uint32_t>(sizes.leaves);
+  a.large = layout.take<LargeTriangle>(sizes.large);
+  a.large_tiles = layout.take<uint32_t>(sizes.large);
+  a.numbers = layout.take<ReyesNumbers>(1);
+  a.bytes = layout.bytes();
+  return a;
+}
+
+VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesScene &scene,
+                               uint64_t num_roots, const ReyesSettings &settings, const ReyesListSizes &sizes,
+                               uint64_t num_samples, uint64_t num_cells)
+    : num_roots_(num_roots),
+      settings_(settings),
+      sizes_(sizes),
+      num_cells_(num_cells),
+      buffer_(memory,
+              lay_out(nullptr, sizes, num_samples, num_cells, num_roots, settings.filter != ReyesFilter::Box)
+                  .bytes,
+              "what REYES samples see, and its lists")
+{
+  const bool has_filter = settings.filter != ReyesFilter::Box;
+  const Arrays a = lay_out(buffer_.data(), sizes, num_samples, num_cells, num_roots, has_filter);
+  first_ = a.first;
+  at_ = a.at;
+  slots_ = a.slots;
+  counts_ = has_filter ? a.counts : nullptr;
+  scan_memory_ = a.scan_memory;
+  scan_bytes_ = a.scan_bytes;
+  visible_ = a.visible;
+  batch_.scene = scene;
+  batch_.samples.first = a.first;
+  batch_.samples.places = a.at;
+  batch_.samples.keys = a.keys;
+  batch_.samples.spots = a.spots;
+  batch_.patches = a.patches;
+  batch_.largest = a.largest;
+  batch_.roots = a.roots;
+  batch_.triangles = a.triangles;
+  batch_.stack = a.stack;
+  batch_.stack_capacity = sizes.stack;
+  batch_.leaves = a.leaves;
+  batch_.leaf_capacity = sizes.leaves;
+  batch_.rest = a.rest;
+  batch_.large = a.large;
+  batch_.large_tiles = a.large_tiles;
+  batch_.large_capacity = sizes.large;
+  batch_.numbers = a.numbers;
+  if (has_filter) make_filter_table(settings.filter, places_.table);
+  pinned_.reserve(sizeof(ReyesNumbers));
+}
+
+uint64_t VisibleSamples::cells_of(const WorkUnit &group, const ReyesSettings &settings)
+{
+  const uint64_t reach = uint64_t(filter_reach(settings.filter));
+  const uint64_t num_pixels = (group.x1 - group.x0 + 2 * reach) * (group.y1 - group.y0 + 2 * reach);
+  return num_pixels << 2 * (unit_bits - cell_bits_for(group.num_samples));
+}
+
+void VisibleSamples::mark(Stage stage, cudaStream_t stream)
+{
+  if (events_.size() == stages_.size()) events_.push_back(std::make_unique<Event>());
+  events_[stages_.size()]->record(stream);
+  stages_.push_back(stage);
+}
+
+void VisibleSamples::place(const WorkUnit &group, const PathSettings &settings, cudaStream_t stream)
+{
+  const int32_t reach = filter_reach(settings_.filter);
+  SampleGrid &g = batch_.samples;
+  const int32_t x0 = int32_t(group.x0) - reach, y0 = int32_t(group.y0) - reach;
+  const int32_t width = int32_t(group.x1 - group.x0) + 2 * reach,
+                height = int32_t(group.y1 - group.y0) + 2 * reach;
+  g.x0 = x0 * (1 << unit_bits);
+  g.y0 = y0 * (1 << unit_bits);
+  g.cell_bits = cell_bits_for(group.num_samples);
+  g.cells_x = width << (unit_bits - g.cell_bits);
+  g.cells_y = height << (unit_bits - g.cell_bits);
+  g.num_samples = uint32_t(uint64_t(group.x1 - group.x0) * (group.y1 - group.y0) * group.num_samples);
+  batch_.projection = raster_projection(settings.camera);
+  const float half_width = 0.5f * float(settings.camera.width),
+              half_height = 0.5f * float(settings.camera.height);
+  batch_.dice = {1.0f / sqrt(settings_.shading_rate), half_width, half_height};
+  batch_.rect = {float(x0 - 1) - half_width, float(y0 - 1) - half_height, float(x0 + width + 1) - half_width,
+                 float(y0 + height + 1) - half_height};
+  places_.unit = {group.x0, group.y0, group.x1, group.y1, group.first_sample, 0};
+  places_.num_samples = group.num_samples;
+  places_.seed = settings.seed;
+  places_.frame_index = settings.frame_index;
+  places_.filter = settings_.filter;
+  const uint64_t key_bytes = uint64_t(g.num_samples) * sizeof(unsigned long long);
+  check(cudaMemsetAsync(g.keys, 0, key_bytes, stream), "cudaMemsetAsync");
+  check(cudaMemsetAsync(g.spots, 0xff, key_bytes, stream), "cudaMemsetAsync");
+  launch_place_samples(places_, g, first_, at_, slots_, counts_, scan_memory_, scan_bytes_, stream);
+}
+
+ReyesNumbers VisibleSamples::read_numbers(cudaStream_t stream)
+{
+  auto *host = static_cast<ReyesNumbers *>(pinned_.reserve(sizeof(ReyesNumbers)));
+  check(cudaMemcpyAsync(host, batch_.numbers, sizeof *host, cudaMemcpyDeviceToHost, stream),
+        "cudaMemcpyAsync");
+  check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
+  return *host;
+}
+
+// What the lists hold goes into the samples.
+void VisibleSamples::sample(bool finds_spots, cudaStream_t stream, bool has_triangles)
+{
+  check(cudaMemsetAsync(batch_.numbers->tickets, 0, sizeof batch_.numbers->tickets, stream),
+        "cudaMemsetAsync");
+  check(cudaMemsetAsync(&batch_.numbers->num_large, 0, 2 * sizeof(uint32_t), stream), "cudaMemsetAsync");
+  if (has_triangles) launch_sample_triangles(batch_, finds_spots, stream);
+  launch_sample_grids(batch_, finds_spots, stream);
+  launch_sample_rest(batch_, finds_spots, stream);
+  launch_sample_large(batch_, finds_spots, stream);
+  mark(Stage::Sample, stream);
+}
+
+void VisibleSamples::run_batch(uint64_t first, bool finds_spots, cudaStream_t stream, ReyesCounters &counters)
+{
+  ReyesNumbers *numbers = batch_.numbers;
+  check(cudaMemsetAsync(numbers, 0, offsetof(ReyesNumbers, largest_queue), stream), "cudaMemsetAsync");
+  const uint32_t n = uint32_t(std::min<uint64_t>(sizes_.roots, num_roots_ - first));
+  launch_bound_roots(batch_, first, n, stream);
+  mark(Stage::Bound, stream);
+  for (bool is_first = true;; is_first = false) {
+    launch_split(batch_, stream);
+    mark(Stage::Split, stream);
+    sample(finds_spots, stream, is_first);
+    const ReyesNumbers done = read_numbers(stream);
+    const bool is_finished = done.waiting == 0 && done.next_slot == done.num_slots;
+    if (is_finished && !finds_spots) {
+      counters.num_patches += done.num_slots;
+      counters.num_triangles += done.num_triangles;
+      counters.largest_bucket = std::max<uint64_t>(counters.largest_bucket, n);
+    }
+    has_all_ = is_first && is_finished && n == num_roots_;
+    if (is_finished) return;
+    check(cudaMemsetAsync(&numbers->num_leaves, 0, sizeof numbers->num_leaves, stream), "cudaMemsetAsync");
+  }
+}
+
+bool VisibleSamples::find(const WorkUnit &group, const PathSettings &settings,
+                          const std::atomic<bool> *cancelled, cudaStream_t stream, ReyesCounters &counters)
+{
+  const auto is_cancelled = [&] {
+    return cancelled != nullptr && cancelled->load(std::memory_order_relaxed);
+  };
+  stages_.clear();
+  mark(Stage::None, stream);
+  check(cudaMemsetAsync(batch_.numbers, 0, sizeof *batch_.numbers, stream), "cudaMemsetAsync");
+  place(group, settings, stream);
+  mark(Stage::Place, stream);
+  batch_.visible = nullptr;
+  has_all_ = false;
+  for (uint64_t first = 0; first < num_roots_; first += sizes_.roots) {
+    if (is_cancelled()) return false;
+    run_batch(first, false, stream, counters);
+  }
+  // What is nearest is known: a second look at what is seen tells where on it samples lie.
+  check(cudaMemsetAsync(visible_, 0, (num_roots_ / 32 + 1) * sizeof *visible_, stream), "cudaMemsetAsync");
+  launch_mark_visible(batch_.samples, visible_, stream);
+  batch_.visible = visible_;
+  if (has_all_) {
+    sample(true, stream, true);
+    return true;
+  }
+  ReyesCounters again;
+  for (uint64_t first = 0; first < num_roots_; first += sizes_.roots) {
+    if (is_cancelled()) return false;
+    run_batch(first, true, stream, again);
+  }
+  return true;
+}
+
+void VisibleSamples::write_eye_hits(const PathSettings &settings, const PathUnit &unit, const PathWave &wave,
+                                    uint32_t num_paths, cudaStream_t stream) const
+{
+  const EyeHits eye{batch_.scene,         settings,      places_, unit, slots_, batch_.samples.keys,
+                    batch_.samples.spots, batch_.numbers};
+  launch_eye_hits(eye, wave, num_paths, stream);
+}
+
+void VisibleSamples::shade_at_once(const PathSettings &settings, const FilmView &film, cudaStream_t stream)
+{
+  const EyeHits eye{batch_.scene,         settings,      places_, places_.unit, slots_, batch_.samples.keys,
+                    batch_.samples.spots, batch_.numbers};
+  mark(Stage::None, stream);
+  launch_shade_pixels(eye, film, film.width * film.height, &batch_.numbers->largest_sample, stream);
+  mark(Stage::Shade, stream);
+}
+
+void VisibleSamples::collect(cudaStream_t stream, RenderCounters &counters)
+{
+  const ReyesNumbers n = read_numbers(stream);
+  ReyesCounters &r = counters.reyes;
+  r.num_splits += n.num_splits;
+  r.num_culled += n.num_culled;
+  r.num_grids += n.num_grids;
+  r.num_micropolygons += n.num_micropolygons;
+  r.num_fragments += n.num_fragments;
+  r.num_shaded += n.num_shaded;
+  r.largest_queue = std::max<uint64_t>(r.largest_queue, n.largest_queue);
+  counters.largest_sample = std::max(counters.largest_sample, float_from_bits(n.largest_sample));
+  for (size_t i = 1; i < stages_.size(); ++i) {
+    const double seconds = seconds_between(*events_[i - 1], *events_[i]);
+    if (stages_[i] == Stage::Bound) r.bound_seconds += seconds;
+    else if (stages_[i] == Stage::Split) r.split_seconds += seconds;
+    else if (stages_[i] == Stage::Sample) r.sample_seconds += seconds;
+    else if (stages_[i] == Stage::Place) counters.generate_seconds += seconds;
+    else if (stages_[i] == Stage::Shade) counters.shade_seconds += seconds;
+  }
+  stages_.clear();
+}
+
+}  // namespace gpurt::cuda

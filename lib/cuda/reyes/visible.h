@@ -1,0 +1,81 @@
+// What the samples of a group of units see, found by REYES on a CUDA stream.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <vector>
+
+#include "backend.h"
+#include "cuda/lanes.h"
+#include "cuda/reyes/stages.h"
+
+namespace gpurt::cuda {
+
+/// Room of the lists between stages. What does not fit at a time is done in several turns.
+struct ReyesListSizes {
+  uint32_t roots;   // of a batch
+  uint32_t stack;   // pieces that wait to be cut
+  uint32_t leaves;  // pieces that wait to be diced
+  uint32_t large;   // triangles that a lane of its own would take long for
+
+  /// Level 0 is the largest; each further one has half of the last one's room.
+  static ReyesListSizes at_level(unsigned level, uint64_t num_roots);
+};
+
+/// Memory of a lane for groups of samples, and the stages from 'transform' to 'sample' that run in it.
+class VisibleSamples {
+ public:
+  /// For groups of up to `num_samples` in `num_cells`. Throws OUT_OF_MEMORY.
+  VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesScene &scene, uint64_t num_roots,
+                 const ReyesSettings &settings, const ReyesListSizes &sizes, uint64_t num_samples,
+                 uint64_t num_cells);
+
+  /// Cells of a group's samples.
+  static uint64_t cells_of(const WorkUnit &group, const ReyesSettings &settings);
+
+  /// Finds what the group's samples see. False if `cancelled` became true on the way.
+  bool find(const WorkUnit &group, const PathSettings &settings, const std::atomic<bool> *cancelled,
+            cudaStream_t stream, ReyesCounters &counters);
+
+  /// Writes what eye rays of the unit, a part of the group, meet.
+  void write_eye_hits(const PathSettings &settings, const PathUnit &unit, const PathWave &wave,
+                      uint32_t num_paths, cudaStream_t stream) const;
+
+  /// Shades the group's samples without rays, where the scene allows it (launch_shade_pixels).
+  void shade_at_once(const PathSettings &settings, const FilmView &film, cudaStream_t stream);
+
+  /// Adds what was counted, once all of the group's work is on the stream, and times.
+  void collect(cudaStream_t stream, RenderCounters &counters);
+
+  uint64_t bytes() const { return buffer_.bytes(); }
+
+ private:
+  enum class Stage { None, Place, Bound, Split, Sample, Shade };
+  struct Arrays;
+  static Arrays lay_out(std::byte *base, const ReyesListSizes &sizes, uint64_t num_samples,
+                        uint64_t num_cells, uint64_t num_roots, bool has_filter);
+  void mark(Stage stage, cudaStream_t stream);
+  void place(const WorkUnit &group, const PathSettings &settings, cudaStream_t stream);
+  ReyesNumbers read_numbers(cudaStream_t stream);
+  void sample(bool finds_spots, cudaStream_t stream, bool has_triangles);
+  void run_batch(uint64_t first, bool finds_spots, cudaStream_t stream, ReyesCounters &counters);
+
+  const uint64_t num_roots_;
+  const ReyesSettings settings_;
+  const ReyesListSizes sizes_;
+  const uint64_t num_cells_;
+  DeviceBuffer<std::byte> buffer_;
+  ReyesBatch batch_{};
+  SamplePlaces places_{};
+  uint32_t *first_ = nullptr, *slots_ = nullptr, *counts_ = nullptr, *visible_ = nullptr;
+  uint16_t *at_ = nullptr;
+  std::byte *scan_memory_ = nullptr;
+  uint64_t scan_bytes_ = 0;
+  // Of the last batch: its lists hold all that the group needs.
+  bool has_all_ = false;
+  PinnedBuffer pinned_;
+  std::vector<std::unique_ptr<Event>> events_;
+  std::vector<Stage> stages_;
+};
+
+}  // namespace gpurt::cuda

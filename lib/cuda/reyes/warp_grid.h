@@ -1,0 +1,75 @@
+// Stage 'dice' by a warp: the vertices of a piece's grid in shared memory. For .cu files alone.
+#pragma once
+
+#include "cuda/reyes/sampler.h"
+
+namespace gpurt::cuda {
+
+// A warp's grid.
+struct WarpGrid {
+  RasterPatch patch;
+  Piece piece;
+  float columns[3][4][max_segments + 1];  // control points along v of x, y and w at the vertices' u
+  int32_t x[max_grid_vertices], y[max_grid_vertices];  // raster units; not_projectable
+  float z[max_grid_vertices];
+};
+constexpr int32_t not_projectable = INT32_MIN;
+
+// Copies by words: T consists of them.
+template <class T>
+__device__ inline void copy_words(T &to, const T &from, uint32_t lane)
+{
+  static_assert(sizeof(T) % 4 == 0);
+  for (uint32_t i = lane; i < sizeof(T) / 4; i += 32)
+    reinterpret_cast<uint32_t *>(&to)[i] = reinterpret_cast<const uint32_t *>(&from)[i];
+}
+
+// As dice_piece, a lane a vertex. Whether all of them can be projected.
+__device__ inline bool dice(WarpGrid &g, const RasterProjection &projection, uint32_t lane)
+{
+  const Piece &p = g.piece;
+  const RasterPatch &patch = g.patch;
+  const uint32_t num_u = 1u << p.grid_u, num_v = 1u << p.grid_v, width = num_u + 1;
+  for (uint32_t k = lane; k < width * 4; k += 32) {
+    const uint32_t i = k / 4, r = k % 4;
+    const CubicWeights u = cubic_weights(p.u + (i << (p.u_bits - p.grid_u)));
+    g.columns[0][r][i] = cubic(u, patch.x[4 * r], patch.x[4 * r + 1], patch.x[4 * r + 2], patch.x[4 * r + 3]);
+    g.columns[1][r][i] = cubic(u, patch.y[4 * r], patch.y[4 * r + 1], patch.y[4 * r + 2], patch.y[4 * r + 3]);
+    g.columns[2][r][i] = cubic(u, patch.w[4 * r], patch.w[4 * r + 1], patch.w[4 * r + 2], patch.w[4 * r + 3]);
+  }
+  __syncwarp();
+  // k / width for k < 2^9.
+  const uint32_t reciprocal = 65536 / width + 1;
+  bool is_in_front = true;
+  for (uint32_t k = lane; k < width * (num_v + 1); k += 32) {
+    const uint32_t j = k * reciprocal >> 16, i = k - j * width;
+    const CubicWeights v = cubic_weights(p.v + (j << (p.v_bits - p.grid_v)));
+    const auto coordinate = [&](int c) {
+      return cubic(v, g.columns[c][0][i], g.columns[c][1][i], g.columns[c][2][i], g.columns[c][3][i]);
+    };
+    RasterPoint h{coordinate(0), coordinate(1), coordinate(2)};
+    if (i == 0 || i == num_u || j == 0 || j == num_v) {
+      uint32_t ku, kv;
+      grid_parameters(p, i, j, ku, kv);
+      if (!is_nominal(p, i, j, ku, kv)) h = patch_point(patch, ku, kv);
+    }
+    const bool is_here = is_projectable(h);
+    const float inv_w = 1.0f / h.w;
+    g.z[k] = inv_w;
+    g.x[k] = is_here ? int32_t(project_x(h.x, inv_w, projection)) : not_projectable;
+    g.y[k] = is_here ? int32_t(project_y(h.y, inv_w, projection)) : 0;
+    is_in_front &= is_here;
+  }
+  return __all_sync(all_lanes, is_in_front);
+}
+
+// The parameters of vertex k of a grid.
+__device__ inline Vec2f place_of_vertex(const WarpGrid &g, uint32_t k)
+{
+  const uint32_t width = (1u << g.piece.grid_u) + 1, j = k / width;
+  uint32_t ku, kv;
+  grid_parameters(g.piece, k - j * width, j, ku, kv);
+  return {parameter(ku), parameter(kv)};
+}
+
+}  // namespace gpurt::cuda

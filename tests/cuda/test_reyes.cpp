@@ -1,0 +1,342 @@
+// REYES has the same bits on every device, in every output, however the work is cut and however little memory there is.
+//
+// The bodies take two devices; without a GPU they compare one CPU thread with all of them.
+#include <filesystem>
+
+#include "../support/patch_shapes.h"
+#include "pictures.h"
+
+namespace gpurt_test {
+namespace {
+
+struct ReyesPicture {
+  RenderOptions options;
+  uint32_t camera = 0;
+};
+
+ReyesPicture reyes_picture(uint32_t width, uint32_t height, uint32_t spp, float shading_rate = 0,
+                           gpurt_reyes_filter filter = GPURT_REYES_FILTER_AUTO, uint32_t camera = 0)
+{
+  ReyesPicture p;
+  p.options.width = width;
+  p.options.height = height;
+  p.options.spp = spp;
+  p.options.seed = 42;
+  p.options.max_depth = 2;
+  p.options.pipeline = GPURT_PIPELINE_REYES;
+  p.options.reyes.shading_rate = shading_rate;
+  p.options.reyes.filter = filter;
+  p.camera = camera;
+  return p;
+}
+
+Frame frame_of(gpurt_scene scene, const ReyesPicture &p)
+{
+  gpurt_frame_desc desc = GPURT_FRAME_DESC_INIT;
+  desc.width = p.options.width;
+  desc.height = p.options.height;
+  desc.camera = p.camera;
+  desc.seed = p.options.seed;
+  desc.outputs = all_outputs;
+  Frame frame;
+  GPURT_EXPECT_OK(gpurt_frame_create(scene, &desc, frame.out()));
+  return frame;
+}
+
+std::vector<OutputBits> bits_of(gpurt_scene scene, const ReyesPicture &p, gpurt_statistics *facts = nullptr)
+{
+  const Frame frame = frame_of(scene, p);
+  render(frame, p.options);
+  if (facts != nullptr) *facts = statistics(frame);
+  return read_all(frame, p.options);
+}
+
+// The same scene on two devices: whole, and in odd tiles on the second one.
+void compare(gpurt_scene expected, gpurt_scene tested, const ReyesPicture &p)
+{
+  gpurt_statistics s = GPURT_STATISTICS_INIT, t = GPURT_STATISTICS_INIT;
+  const std::vector<OutputBits> bits = bits_of(expected, p, &s);
+  expect_same(bits, bits_of(tested, p, &t));
+  EXPECT_EQ(t.num_samples, s.num_samples);
+  // Where no ray is needed, a CUDA device traces none.
+  if (p.options.reyes.no_shadows == 0) {
+    EXPECT_EQ(t.num_bounce_rays, s.num_bounce_rays);
+    EXPECT_EQ(t.num_shadow_rays, s.num_shadow_rays);
+  }
+  EXPECT_EQ(t.num_nonfinite, s.num_nonfinite);
+  EXPECT_EQ(t.largest_sample, s.largest_sample);
+  EXPECT_EQ(t.reyes_counters.num_shaded, s.reyes_counters.num_shaded);
+  ReyesPicture cut = p;
+  cut.options.tile_size = 29;
+  const uint32_t x = p.options.width / 3, y = p.options.height / 2;
+  cut.options.tiles = {
+      {x, 0, p.options.width, y}, {0, 0, x, p.options.height}, {x, y, p.options.width, p.options.height}};
+  expect_same(bits, bits_of(tested, cut));
+}
+
+template <class Fill>
+Scene scene_of(gpurt_device device, const Fill &fill)
+{
+  Scene scene;
+  GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
+  fill(scene);
+  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+  build.accel = GPURT_ACCEL_BVH;
+  build.patch_tolerance = 0.01f;
+  GPURT_EXPECT_OK(gpurt_scene_commit(scene, &build));
+  return scene;
+}
+
+template <class Fill>
+void compare_devices(gpurt_device reference, gpurt_device tested, const Fill &fill,
+                     const std::vector<ReyesPicture> &pictures)
+{
+  const Scene a = scene_of(reference, fill), b = scene_of(tested, fill);
+  for (const ReyesPicture &p : pictures) {
+    SCOPED_TRACE(testing::Message() << "camera " << p.camera << ", shading rate "
+                                    << p.options.reyes.shading_rate << ", filter " << p.options.reyes.filter);
+    compare(a, b, p);
+  }
+}
+
+// A closed surface, seen from within and from outside, with every patch twice: ties everywhere.
+void fill_closed(gpurt_scene scene)
+{
+  std::vector<PatchNet> nets = closed_patches(2, 0.2, 9);
+  const std::vector<PatchNet> once = nets;
+  nets.insert(nets.end(), once.begin(), once.end());
+  add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_LAMBERT, {0.9f, 0.5f, 0.1f}));
+  add_patches(scene, once, add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.5f, 0.9f}),
+              {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {0.5f, 0, 0, 1.2f, 0, -0.5f, 0, 0, 0, 0, 0.5f, 0}});
+  set_environment(scene, 1);
+  add_camera(scene, {0.3f, 0.1f, 3}, 1.0f);
+  std::mt19937_64 rng(4);
+  add_turned_camera(scene, {0.3, 0.1, 0.2}, rng, 1.5f);
+  add_turned_camera(scene, {0.5, -0.3, 0.3}, rng, 2.5f);
+}
+
+// Patches through the eye and a mesh that is.
+void fill_at_the_eye(gpurt_scene scene)
+{
+  add_patches(scene, {flat_patch({-50, -0.001f, -50}, {100, 0, 0}, {0, 0, 100}),
+                      flat_patch({1e-4f, -1, -1}, {0, 2, 0}, {0, 0, 2}),
+                      flat_patch({-1, 1e-6f, -3}, {2, 0, 0}, {0, 0, 6})});
+  add_mesh(scene, quad({-4, 0.5f, -4}, {-4, 0.5f, 4}, {4, -0.2f, 4}, {4, -0.2f, -4}), 0);
+  add_mesh(scene, icosphere(2).map([](std::array<float, 3> v) {
+    return std::array<float, 3>{v[0] * 0.3f - 0.5f, v[1] * 0.3f + 0.2f, v[2] * 0.3f - 1.5f};
+  }));
+  set_environment(scene, 1);
+  add_camera(scene, {0, 0, 0}, 1.2f);
+}
+
+// Points and a distant light alone: without shadows no ray is needed.
+void fill_lit(gpurt_scene scene)
+{
+  add_patches(scene, closed_patches(2, 0.3, 5),
+              add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.5f, 0.1f}, {0, 0, 0}, 0.4f));
+  add_mesh(scene, icosphere(2).map([](std::array<float, 3> v) {
+    return std::array<float, 3>{v[0] * 0.5f - 1.2f, v[1] * 0.5f, v[2] * 0.5f + 0.8f};
+  }),
+           add_material(scene, GPURT_MATERIAL_GLASS, {1, 1, 1}));
+  add_mesh(scene, quad({-4, -1.2f, 4}, {4, -1.2f, 4}, {4, -1.2f, -4}, {-4, -1.2f, -4}), 0);
+  for (const gpurt_light_type type : {GPURT_LIGHT_POINT, GPURT_LIGHT_DISTANT}) {
+    gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+    light.type = type;
+    for (float &c : light.intensity) c = type == GPURT_LIGHT_POINT ? 20.0f : 1.0f;
+    light.position[0] = light.position[1] = light.position[2] = 2;
+    light.direction[0] = 0.5f;
+    light.direction[1] = -1;
+    uint32_t id;
+    GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
+  }
+  add_camera(scene, {0, 0.3f, 3.5f}, 1.0f);
+}
+
+// Many small patches, so that lists of little room fill up.
+void fill_many(gpurt_scene scene)
+{
+  const std::vector<PatchNet> nets = closed_patches(10, 0.05, 3);
+  std::vector<std::array<float, 12>> places;
+  for (int i = 0; i < 4; ++i) {
+    const float x = 1.5f * float(i % 2) - 0.75f, y = 1.5f * float(i / 2) - 0.75f;
+    places.push_back({0.8f, 0, 0, x, 0, 0.8f, 0, y, 0, 0, 0.8f, -0.3f * float(i)});
+  }
+  add_patches(scene, nets, 0, places);
+  set_environment(scene, 1);
+  add_camera(scene, {0, 0, 3}, 1.0f);
+}
+
+std::vector<ReyesPicture> everything_pictures()
+{
+  const uint32_t w = uint32_t(amount(160, 48)), h = uint32_t(amount(121, 40));
+  return {reyes_picture(w, h, 9), reyes_picture(w, h, 2, 4.0f, GPURT_REYES_FILTER_GAUSSIAN),
+          reyes_picture(w, h, 5, 256.0f, GPURT_REYES_FILTER_MITCHELL)};
+}
+
+std::vector<ReyesPicture> closed_pictures()
+{
+  const uint32_t side = uint32_t(amount(128, 40));
+  return {reyes_picture(side, side, 9), reyes_picture(side, side, 4, 1.0f, GPURT_REYES_FILTER_AUTO, 1),
+          reyes_picture(side, side, 3, 30.0f, GPURT_REYES_FILTER_GAUSSIAN, 2)};
+}
+
+TEST(CudaReyes, OfEverythingHasTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  compare_devices(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_everything,
+                  everything_pictures());
+}
+
+TEST(CudaReyes, OfCoincidentPatchesHasTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  compare_devices(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_closed,
+                  closed_pictures());
+}
+
+std::vector<ReyesPicture> unshadowed_pictures()
+{
+  const uint32_t side = uint32_t(amount(120, 40));
+  std::vector<ReyesPicture> pictures = {reyes_picture(side, side, 9),
+                                        reyes_picture(side, side, 4, 1.0f, GPURT_REYES_FILTER_MITCHELL)};
+  for (ReyesPicture &p : pictures) p.options.reyes.no_shadows = 1;
+  return pictures;
+}
+
+TEST(CudaReyes, OfUnshadowedLightHasTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device cpu = make_device(GPURT_DEVICE_CPU), cuda = make_device(GPURT_DEVICE_CUDA);
+  compare_devices(cpu, cuda, fill_lit, unshadowed_pictures());
+  compare_devices(cpu, cuda, fill_everything, {unshadowed_pictures()[0]});
+}
+
+TEST(CudaReyes, AtTheEyeHasTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const uint32_t side = uint32_t(amount(100, 32));
+  compare_devices(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_at_the_eye,
+                  {reyes_picture(side, side, 9), reyes_picture(side, side, 4, 64.0f)});
+}
+
+// Rows 47 and 49 of the catalogue: batches, lists that are full, small groups.
+TEST(CudaReyes, IsTheSameInLittleMemory)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const uint32_t side = uint32_t(amount(400, 100));
+  const ReyesPicture p = reyes_picture(side, side, 9);
+  const Device roomy = make_device(GPURT_DEVICE_CUDA);
+  const Scene a = scene_of(roomy, fill_many);
+  gpurt_statistics s = GPURT_STATISTICS_INIT;
+  const std::vector<OutputBits> bits = bits_of(a, p, &s);
+  for (const uint64_t mebibytes : {96, 48, 24}) {
+    SCOPED_TRACE(mebibytes);
+    const Device tight = make_device(GPURT_DEVICE_CUDA, 0, mebibytes << 20);
+    const Scene b = scene_of(tight, fill_many);
+    gpurt_statistics t = GPURT_STATISTICS_INIT;
+    expect_same(bits, bits_of(b, p, &t));
+    std::printf("%llu MiB: %llu primitives a batch, %llu grids, %llu bytes\n", (unsigned long long)mebibytes,
+                (unsigned long long)t.reyes_counters.largest_bucket,
+                (unsigned long long)t.reyes_counters.num_grids,
+                (unsigned long long)t.reyes_counters.working_bytes);
+    gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
+    GPURT_ASSERT_OK(gpurt_device_get_properties(tight, &properties));
+    EXPECT_LE(properties.memory_peak_bytes, mebibytes << 20);
+  }
+}
+
+TEST(CudaReyes, IsTheSameEveryTime)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  const Scene scene = scene_of(device, fill_closed);
+  const ReyesPicture p = reyes_picture(100, 100, 9);
+  const std::vector<OutputBits> bits = bits_of(scene, p);
+  for (uint64_t i = 0; i < amount(10, 2); ++i) expect_same(bits, bits_of(scene, p));
+}
+
+TEST(CudaReyes, StopsSoonWhenCancelled)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  const Scene scene = scene_of(device, fill_closed);
+  const ReyesPicture p = reyes_picture(1024, 1024, 1 << 20);
+  const Frame frame = frame_of(scene, p);
+  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+  desc.pipeline = GPURT_PIPELINE_REYES;
+  desc.samples_per_pixel = p.options.spp;
+  Job job;
+  GPURT_ASSERT_OK(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()));
+  EXPECT_EQ(gpurt_job_wait(job, 1'000'000'000), GPURT_ERROR_TIMEOUT);
+  GPURT_ASSERT_OK(gpurt_job_cancel(job));
+  EXPECT_EQ(gpurt_job_wait(job, 500'000'000), GPURT_ERROR_CANCELLED) << gpurt_last_error();
+  EXPECT_GT(statistics(frame).num_samples, 0u);
+}
+
+TEST(CudaReyes, RefusesSchedulesWithEyeRays)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  const Scene scene = scene_of(device, fill_many);
+  const Frame frame = frame_of(scene, reyes_picture(32, 32, 4));
+  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+  desc.pipeline = GPURT_PIPELINE_REYES;
+  desc.schedule.generation = GPURT_GENERATION_REFILLED;
+  Job job;
+  EXPECT_EQ(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()), GPURT_ERROR_UNSUPPORTED);
+}
+
+// The scenes beside the checkout, where they are there.
+class CudaReyesScenes : public testing::TestWithParam<const char *> {};
+INSTANTIATE_TEST_SUITE_P(Files, CudaReyesScenes,
+                         testing::Values("teapot_patches", "killeroo_patches", "bigguy_patches",
+                                         "eye_split_patches", "eye_split_tunnel_patches", "killeroo_tess",
+                                         "cornell"),
+                         [](const auto &info) { return std::string(info.param); });
+
+TEST_P(CudaReyesScenes, HaveTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const char *folder = std::getenv("GPURT_TEST_SCENES");
+  const std::filesystem::path path = std::filesystem::path(folder != nullptr ? folder : "../shared/scenes") /
+                                     (std::string(GetParam()) + ".glb");
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << path << " is not there";
+  const Device cpu = make_device(GPURT_DEVICE_CPU), cuda = make_device(GPURT_DEVICE_CUDA);
+  Scene a, b;
+  GPURT_ASSERT_OK(gpurt_scene_load(cpu, path.c_str(), a.out()));
+  GPURT_ASSERT_OK(gpurt_scene_load(cuda, path.c_str(), b.out()));
+  commit(a, GPURT_ACCEL_BVH);
+  commit(b, GPURT_ACCEL_BVH);
+  ReyesPicture p = reyes_picture(uint32_t(amount(256, 64)), uint32_t(amount(192, 48)), 9);
+  compare(a, b, p);
+  p.options.reyes.no_shadows = 1;
+  compare(a, b, p);
+}
+
+TEST(Reyes, OfEverythingDoesNotDependOnTheNumberOfThreads)
+{
+  compare_devices(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_everything,
+                  {reyes_picture(48, 40, 9)});
+}
+
+TEST(Reyes, OfCoincidentPatchesDoesNotDependOnTheNumberOfThreads)
+{
+  compare_devices(
+      make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_closed,
+      {reyes_picture(48, 40, 9), reyes_picture(40, 40, 4, 30.0f, GPURT_REYES_FILTER_GAUSSIAN, 2)});
+}
+
+TEST(Reyes, OfUnshadowedLightDoesNotDependOnTheNumberOfThreads)
+{
+  compare_devices(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_lit,
+                  {unshadowed_pictures()[0]});
+}
+
+TEST(Reyes, AtTheEyeDoesNotDependOnTheNumberOfThreads)
+{
+  compare_devices(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_at_the_eye,
+                  {reyes_picture(48, 40, 9)});
+}
+
+}  // namespace
+}  // namespace gpurt_test
