@@ -194,7 +194,8 @@ class CommittedScene {
 inline void CommittedScene::require_photons() const
 {
   fail(GPURT_ERROR_UNSUPPORTED,
-       "GPURT_PIPELINE_PHOTON is not supported by this device; use a CPU or CUDA device, or GPURT_PIPELINE_PATH "
+       "GPURT_PIPELINE_PHOTON is not supported by this device; use a CPU or CUDA device, or "
+       "GPURT_PIPELINE_PATH "
        "with more samples per pixel where caustics matter");
 }
 

@@ -223,7 +223,7 @@ TEST(CudaReyes, AtTheEyeHasTheBitsOfTheCpu)
 TEST(CudaReyes, IsTheSameInLittleMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  const uint32_t side = uint32_t(amount(400, 100));
+  const uint32_t side = uint32_t(amount(200, 100));
   const ReyesPicture p = reyes_picture(side, side, 9);
   const Device roomy = make_device(GPURT_DEVICE_CUDA);
   const Scene a = scene_of(roomy, fill_many);
