@@ -75,6 +75,8 @@ void launch_aim_disc_trials(const EyeWave &wave, const PhotonPass &pass, int fro
 /// Adds what points first .. first + n - 1 gather to their sums.
 void launch_gather_points(const PhotonGrid &grid, const PhotonPass &pass, uint32_t max_depth,
                           const VisiblePoint *points, PhotonSum *sums, uint32_t n, cudaStream_t stream);
+/// Adds a film of the same size and arrays.
+void launch_add_film(const FilmView &to, const FilmView &from, cudaStream_t stream);
 /// Adds n paths, one of each pixel, to the film.
 void launch_add_photon_samples(const EyeWave &wave, const PhotonPass &pass, const PhotonSum *sums, uint32_t n,
                                cudaStream_t stream);

@@ -45,7 +45,6 @@ EyeTracer::EyeTracer(PassQueue &queue, uint32_t capacity)
     : queue_(queue),
       capacity_(capacity),
       buffer_(queue.memory, lay_out(nullptr, capacity).bytes, "eye paths"),
-      host_(pinned_.reserve(256)),
       gather_slice_(first_gather_slice)
 {
   const EyeArrays a = lay_out(buffer_.data(), capacity);
@@ -59,10 +58,11 @@ EyeTracer::EyeTracer(PassQueue &queue, uint32_t capacity)
 
 const EyeNumbers &EyeTracer::read_numbers()
 {
-  check(cudaMemcpyAsync(host_, wave_.numbers, sizeof(EyeNumbers), cudaMemcpyDeviceToHost, queue_.stream),
+  std::byte *host = queue_.numbers + PassQueue::eye_numbers;
+  check(cudaMemcpyAsync(host, wave_.numbers, sizeof(EyeNumbers), cudaMemcpyDeviceToHost, queue_.stream),
         "cudaMemcpyAsync");
   check(cudaStreamSynchronize(queue_.stream), "cudaStreamSynchronize");
-  return *static_cast<const EyeNumbers *>(host_);
+  return *reinterpret_cast<const EyeNumbers *>(host);
 }
 
 // Before a step counts its rays.

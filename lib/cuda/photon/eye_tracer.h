@@ -41,8 +41,6 @@ class EyeTracer {
   EyeWave wave_{};
   Hit *hits_ = nullptr;
   uint32_t *trace_scratch_ = nullptr;
-  PinnedBuffer pinned_;
-  void *host_ = nullptr;  // room for EyeNumbers
   Counters counters_;
   uint32_t gather_slice_;  // points of a launch
 };

@@ -49,8 +49,7 @@ constexpr uint64_t steps_per_map = 4;
 PhotonStore::PhotonStore(PassQueue &queue, uint32_t capacity)
     : queue_(queue),
       capacity_(capacity),
-      buffer_(queue.memory, lay_out(nullptr, capacity).bytes, "photons in flight"),
-      host_(pinned_.reserve(256))
+      buffer_(queue.memory, lay_out(nullptr, capacity).bytes, "photons in flight")
 {
   const FlightArrays a = lay_out(buffer_.data(), capacity);
   queues_[0] = a.queues[0];
@@ -136,10 +135,10 @@ void PhotonStore::begin(const PhotonFlight &flight, uint32_t num_emitted)
 
 const FlightNumbers &PhotonStore::read_numbers()
 {
-  check(cudaMemcpyAsync(host_, numbers_, sizeof *numbers_, cudaMemcpyDeviceToHost, queue_.stream),
+  check(cudaMemcpyAsync(queue_.numbers, numbers_, sizeof *numbers_, cudaMemcpyDeviceToHost, queue_.stream),
         "cudaMemcpyAsync");
   check(cudaStreamSynchronize(queue_.stream), "cudaStreamSynchronize");
-  return *static_cast<const FlightNumbers *>(host_);
+  return *reinterpret_cast<const FlightNumbers *>(queue_.numbers);
 }
 
 bool PhotonStore::trace()
@@ -176,10 +175,10 @@ PhotonGrid PhotonStore::build(float radius)
 {
   const PhotonSource source{map_->records.data(), nullptr, nullptr, nullptr, num_stored_};
   launch_look_through(source, found_, queue_.stream);
-  check(cudaMemcpyAsync(host_, found_, sizeof *found_, cudaMemcpyDeviceToHost, queue_.stream),
+  check(cudaMemcpyAsync(queue_.numbers, found_, sizeof *found_, cudaMemcpyDeviceToHost, queue_.stream),
         "cudaMemcpyAsync");
   check(cudaStreamSynchronize(queue_.stream), "cudaStreamSynchronize");
-  const auto &found = *static_cast<const DevicePointsFound *>(host_);
+  const auto &found = *reinterpret_cast<const DevicePointsFound *>(queue_.numbers);
   const GridShape shape =
       make_grid_shape(num_stored_ != 0 ? bounds_of(found) : empty_box(), radius, num_stored_);
   if (grid_build_bytes(shape, source, map_->target) > map_->work_bytes)

@@ -28,7 +28,7 @@ class PhotonStore {
   /// Copies the records to the host.
   void read_records(Photon *to) const;
 
-  /// Of all passes so far, less times and radii.
+  /// Of all passes so far, less times; radii are the caller's.
   PhotonCounters counters;
 
  private:
@@ -46,8 +46,6 @@ class PhotonStore {
   uint32_t *trace_scratch_ = nullptr;
   FlightNumbers *numbers_ = nullptr;
   DevicePointsFound *found_ = nullptr;
-  PinnedBuffer pinned_;
-  void *host_ = nullptr;  // room for the two
 
   struct Map {
     uint64_t capacity;

@@ -1,14 +1,14 @@
 #include "cuda/photon/render.h"
 
 #include <algorithm>
-#include <optional>
+#include <mutex>
 #include <set>
-#include <utility>
 
 #include "cuda/path/group_film.h"
 #include "cuda/photon/eye_tracer.h"
 #include "cuda/photon/photon_store.h"
 #include "error.h"
+#include "frame/outputs.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -16,6 +16,8 @@ namespace {
 // Photons and paths that run together. More no longer help the device; fewer are taken where memory is short.
 constexpr uint32_t most_in_flight = uint32_t(1) << 20;
 constexpr uint32_t fewest_in_flight = uint32_t(1) << 10;
+// Pixels and photons of passes that run side by side, about.
+constexpr uint64_t lanes_paths = uint64_t(1) << 21;
 // Pixels whose film is on the device at once: the photons of a pass are traced again for the others.
 constexpr uint64_t most_pixels = uint64_t(1) << 25;
 
@@ -62,118 +64,53 @@ struct Batch {
   uint64_t num_pixels = 0;
 };
 
-class PassRenderer {
- public:
-  PassRenderer(const RenderPass &pass, PassQueue &queue, Lane &lane)
-      : pass_(pass), queue_(queue), lane_(lane), emission_(pass.photon->emission, queue.memory, queue.stream)
-  {}
+// Every part has its own film, one behind the other.
+FilmView film_of(const Batch::Part &part, std::byte *base, uint32_t outputs)
+{
+  const WorkUnit &u = part.group.bounds;
+  return GroupFilm(part.group.num_pixels(), outputs)
+      .view(base + GroupFilm(part.first_pixel, outputs).bytes(), u.x1 - u.x0, u.y1 - u.y0);
+}
 
-  void run()
-  {
-    allocate();
-    for (const Batch &batch : batches_) {
-      if (queue_.is_cancelled()) return;
-      render_batch(batch);
-    }
-  }
-
- private:
-  // The largest workspace that memory has room for.
-  void allocate()
-  {
-    uint64_t num_pixels = 0, largest_unit = 0;
-    for (const WorkUnit &u : pass_.units) {
-      const uint64_t area = uint64_t(u.x1 - u.x0) * (u.y1 - u.y0);
-      num_pixels += area;
-      largest_unit = std::max(largest_unit, area);
-    }
-    uint64_t most_film = std::max(std::min(num_pixels, most_pixels), largest_unit);
-    uint32_t num_flying =
-        std::clamp(pass_.photon->settings.photons_per_pass, fewest_in_flight, most_in_flight);
-    uint64_t most_paths = most_in_flight;
-    for (;;) {
-      cut_batches(most_film, most_paths);
-      uint64_t film = 0, paths = 0;
-      for (const Batch &b : batches_) {
-        film = std::max(film, b.num_pixels);
-        for (const Batch::Part &p : b.parts) paths = std::max(paths, p.group.num_pixels());
-      }
-      try {
-        work_.emplace(queue_, num_flying, uint32_t(std::min(paths, most_paths)), film, pass_.outputs);
-        return;
-      } catch (const Error &e) {
-        check(cudaStreamSynchronize(queue_.stream), "cudaStreamSynchronize");
-        if (e.result() != GPURT_ERROR_OUT_OF_MEMORY) throw;
-        if (num_flying <= fewest_in_flight && most_paths <= fewest_in_flight && most_film <= largest_unit)
-          throw;
-        num_flying = std::max(num_flying / 2, fewest_in_flight);
-        most_paths = std::max<uint64_t>(most_paths / 2, fewest_in_flight);
-        most_film = std::max(most_film / 2, largest_unit);
-      }
-    }
-  }
-
-  void cut_batches(uint64_t most_film, uint64_t most_paths)
-  {
-    batches_.clear();
-    for (UnitGroup &g : group_units(pass_.units, ~uint64_t(0), std::min(most_film, most_paths))) {
-      if (batches_.empty() || batches_.back().num_pixels + g.num_pixels() > most_film) batches_.emplace_back();
-      Batch &batch = batches_.back();
-      const uint64_t first_pixel = batch.num_pixels;
-      batch.num_pixels += g.num_pixels();
-      batch.parts.push_back({std::move(g), first_pixel});
-    }
-  }
-
-  void render_batch(const Batch &batch)
-  {
-    std::set<uint64_t> samples;
-    for (const Batch::Part &p : batch.parts) {
-      for (uint64_t k = 0; k < p.group.bounds.num_samples; ++k) samples.insert(p.group.bounds.first_sample + k);
-    }
-    check(cudaMemsetAsync(work_->film.data(), 0, GroupFilm(batch.num_pixels, pass_.outputs).bytes(),
-                          queue_.stream),
-          "cudaMemsetAsync");
-    queue_.clock.start(queue_.stream);
-    for (const uint64_t sample : samples) {
-      if (!render_sample(batch, sample)) return;
-    }
-    deliver_batch(batch);
-  }
-
-  FilmView film_of(const Batch::Part &part, std::byte *base) const
-  {
-    const WorkUnit &u = part.group.bounds;
-    // Every part has its own film, one behind the other.
-    return GroupFilm(part.group.num_pixels(), pass_.outputs)
-        .view(base + GroupFilm(part.first_pixel, pass_.outputs).bytes(), u.x1 - u.x0, u.y1 - u.y0);
-  }
+// One sample of all units of a batch, on one lane.
+struct SampleRenderer {
+  const RenderPass &pass;
+  PassQueue &queue;
+  const EmissionView &emission;  // in device memory
+  Workspace &space;
+  const Batch &batch;
 
   // False: cancelled.
-  bool render_sample(const Batch &batch, uint64_t sample)
+  bool run(uint64_t sample)
   {
-    const PhotonPass photon_pass = make_photon_pass(pass_.photon->settings, pass_.photon->emission, sample);
-    PhotonStore &store = work_->store;
-    const PhotonUnit unit{pass_.settings.seed, pass_.settings.frame_index,
-                          pass_.settings.max_depth, photon_pass,
-                          pass_.photon->settings.photons_per_pass, 0};
-    store.begin({queue_.scene.scene, emission_.view(), unit, queue_.has_near()}, photon_pass.num_emitted);
-    store.counters.smallest_radius = double(photon_pass.radius);
-    check(cudaMemsetAsync(work_->sums.data(), 0, batch.num_pixels * sizeof(PhotonSum), queue_.stream),
+    const PhotonPass photon_pass = make_photon_pass(pass.photon->settings, pass.photon->emission, sample);
+    PhotonStore &store = space.store;
+    PhotonCounters radius;
+    radius.smallest_radius = double(photon_pass.radius);
+    store.counters.add(radius);
+    queue.clock.start(queue.stream);
+    const PhotonUnit unit{pass.settings.seed,
+                          pass.settings.frame_index,
+                          pass.settings.max_depth,
+                          photon_pass,
+                          pass.photon->settings.photons_per_pass,
+                          0};
+    store.begin({queue.scene.scene, emission, unit, queue.has_near()}, photon_pass.num_emitted);
+    check(cudaMemsetAsync(space.sums.data(), 0, batch.num_pixels * sizeof(PhotonSum), queue.stream),
           "cudaMemsetAsync");
 
     uint64_t num_waves = 0;
     for (const Batch::Part &p : batch.parts) {
       if (has_sample(p, sample))
-        num_waves += (p.group.num_pixels() + work_->eye.capacity() - 1) / work_->eye.capacity();
+        num_waves += (p.group.num_pixels() + space.eye.capacity() - 1) / space.eye.capacity();
     }
     bool is_first = true;
     do {
       if (!store.trace()) return false;
       const PhotonGrid grid = store.build(photon_pass.radius);
       // The paths of a single wave stay for further maps; others are followed again.
-      const Maps maps{is_first || num_waves != 1, num_waves == 1 ? is_first : store.is_last(),
-                      store.is_last()};
+      const bool stay = num_waves == 1;
+      const Maps maps{is_first || !stay, stay ? is_first : store.is_last(), store.is_last()};
       for (const Batch::Part &p : batch.parts) {
         if (has_sample(p, sample) && !gather_part(p, sample, photon_pass, grid, maps)) return false;
       }
@@ -182,6 +119,7 @@ class PassRenderer {
     return true;
   }
 
+ private:
   // What is to be done with one of a pass's maps.
   struct Maps {
     bool traces_paths, adds_features, is_last;
@@ -196,30 +134,179 @@ class PassRenderer {
   bool gather_part(const Batch::Part &part, uint64_t sample, const PhotonPass &photon_pass,
                    const PhotonGrid &grid, const Maps &maps)
   {
-    EyeTracer &eye = work_->eye;
+    EyeTracer &eye = space.eye;
     const WorkUnit &u = part.group.bounds;
-    const FilmView film = film_of(part, work_->film.data());
+    const FilmView film = film_of(part, space.film.data(), pass.outputs);
     FilmView features = film;
     if (!maps.adds_features) features.features = nullptr, features.first_hits = nullptr;
     const uint64_t num_pixels = part.group.num_pixels();
     for (uint64_t first = 0; first < num_pixels; first += eye.capacity()) {
       const uint32_t n = uint32_t(std::min<uint64_t>(eye.capacity(), num_pixels - first));
-      PhotonSum *sums = work_->sums.data() + part.first_pixel + first;
+      PhotonSum *sums = space.sums.data() + part.first_pixel + first;
       const EyePixels pixels{{u.x0, u.y0, u.x1, u.y1, sample, first}, 0};
       if (maps.traces_paths &&
-          !(eye.trace_points(pass_.settings, pixels, features, n) && eye.measure_discs(photon_pass, n)))
+          !(eye.trace_points(pass.settings, pixels, features, n) && eye.measure_discs(photon_pass, n)))
         return false;
       if (!eye.gather(grid, photon_pass, sums, n)) return false;
       if (maps.is_last) eye.add_samples(photon_pass, sums, film, n);
     }
     return true;
   }
+};
 
-  RenderCounters take_counters()
+// How large a workspace is.
+struct WorkSizes {
+  uint32_t num_flying;
+  uint64_t most_paths;  // of a wave
+  uint64_t most_film;   // pixels of a batch
+};
+
+class PassRenderer {
+ public:
+  PassRenderer(const RenderPass &pass, const TraceScene &scene, const std::shared_ptr<DeviceMemory> &memory,
+               LanePool &lanes)
+      : pass_(pass), scene_(scene), memory_(memory), lanes_(lanes), lane_(lanes.acquire()),
+        emission_(pass.photon->emission, memory, lane_->stream())
+  {}
+
+  void run()
   {
-    const EyeTracer::Counters eye = work_->eye.take_counters();
+    fit();
+    for (const Batch &batch : batches_) {
+      if (is_cancelled()) return;
+      render_batch(batch);
+    }
+  }
+
+ private:
+  bool is_cancelled() const
+  {
+    return pass_.cancelled != nullptr && pass_.cancelled->load(std::memory_order_relaxed);
+  }
+
+  PassQueue queue_on(Lane &lane) const
+  {
+    return {scene_, memory_, lane.stream(),
+            static_cast<std::byte *>(lane.to_device.reserve(PassQueue::pinned_bytes)), pass_.cancelled, {}};
+  }
+
+  std::unique_ptr<Workspace> make_workspace(PassQueue &queue) const
+  {
+    return std::make_unique<Workspace>(queue, sizes_.num_flying,
+                                       uint32_t(std::min(largest_part_, sizes_.most_paths)), largest_batch_,
+                                       pass_.outputs);
+  }
+
+  // Finds the largest workspace that memory has room for.
+  void fit()
+  {
+    uint64_t num_pixels = 0, largest_unit = 0;
+    for (const WorkUnit &u : pass_.units) {
+      const uint64_t area = uint64_t(u.x1 - u.x0) * (u.y1 - u.y0);
+      num_pixels += area;
+      largest_unit = std::max(largest_unit, area);
+    }
+    sizes_ = {std::clamp(pass_.photon->settings.photons_per_pass, fewest_in_flight, most_in_flight),
+              most_in_flight, std::max(std::min(num_pixels, most_pixels), largest_unit)};
+    PassQueue queue = queue_on(*lane_);
+    for (;;) {
+      cut_batches();
+      try {
+        const std::unique_ptr<Workspace> fits = make_workspace(queue);
+        check(cudaStreamSynchronize(queue.stream), "cudaStreamSynchronize");
+        return;
+      } catch (const Error &e) {
+        check(cudaStreamSynchronize(queue.stream), "cudaStreamSynchronize");
+        if (e.result() != GPURT_ERROR_OUT_OF_MEMORY) throw;
+        if (sizes_.num_flying <= fewest_in_flight && sizes_.most_paths <= fewest_in_flight &&
+            sizes_.most_film <= largest_unit)
+          throw;
+        sizes_ = {std::max(sizes_.num_flying / 2, fewest_in_flight),
+                  std::max<uint64_t>(sizes_.most_paths / 2, fewest_in_flight),
+                  std::max(sizes_.most_film / 2, largest_unit)};
+      }
+    }
+  }
+
+  void cut_batches()
+  {
+    batches_.clear();
+    largest_batch_ = largest_part_ = 0;
+    for (UnitGroup &g :
+         group_units(pass_.units, ~uint64_t(0), std::min(sizes_.most_film, sizes_.most_paths))) {
+      const uint64_t num_pixels = g.num_pixels();
+      if (batches_.empty() || batches_.back().num_pixels + num_pixels > sizes_.most_film)
+        batches_.emplace_back();
+      Batch &batch = batches_.back();
+      batch.parts.push_back({std::move(g), batch.num_pixels});
+      batch.num_pixels += num_pixels;
+      largest_part_ = std::max(largest_part_, num_pixels);
+      largest_batch_ = std::max(largest_batch_, batch.num_pixels);
+    }
+  }
+
+  // What the lanes of a batch share.
+  struct BatchWork {
+    const Batch &batch;
+    std::vector<uint64_t> samples = {};
+    std::atomic<size_t> next = 0;
+    std::atomic<bool> is_complete = true;  // false: cancelled
+    std::mutex mutex = {};
+    unsigned num_workspaces = 0;
+    DeviceBuffer<std::byte> film = {};  // of the lanes that have ended
+    RenderCounters counters = {};
+  };
+
+  void render_batch(const Batch &batch)
+  {
+    BatchWork work{batch};
+    std::set<uint64_t> samples;
+    for (const Batch::Part &p : batch.parts) {
+      for (uint64_t k = 0; k < p.group.bounds.num_samples; ++k)
+        samples.insert(p.group.bounds.first_sample + k);
+    }
+    work.samples.assign(samples.begin(), samples.end());
+    // Small passes leave the device idle between their steps.
+    const uint64_t pass_size = batch.num_pixels + pass_.photon->settings.photons_per_pass;
+    const uint64_t most_lanes = std::clamp<uint64_t>(lanes_paths / pass_size, 2, 6);
+    run_on_lanes(lanes_, memory_->ordinal(), unsigned(std::min<uint64_t>(work.samples.size(), most_lanes)),
+                 [&](Lane &lane, const std::atomic<bool> &stop) { render_samples(work, lane, stop); });
+    if (work.is_complete && !is_cancelled()) deliver_batch(work);
+  }
+
+  // Renders samples until none are left. Lanes that find no memory leave the work to others.
+  void render_samples(BatchWork &work, Lane &lane, const std::atomic<bool> &stop) const
+  {
+    PassQueue queue = queue_on(lane);
+    std::unique_ptr<Workspace> space;
+    try {
+      const std::lock_guard lock(work.mutex);
+      space = make_workspace(queue);
+      ++work.num_workspaces;
+    } catch (const Error &e) {
+      lane.synchronize();
+      const std::lock_guard lock(work.mutex);
+      if (e.result() == GPURT_ERROR_OUT_OF_MEMORY && work.num_workspaces != 0) return;
+      throw;
+    }
+    const WaitAtEnd wait(queue.stream);
+    check(cudaMemsetAsync(space->film.data(), 0, space->film.bytes(), queue.stream), "cudaMemsetAsync");
+    RenderCounters counters;
     double seconds[uint32_t(PhotonLap::Count)] = {};
-    queue_.clock.collect(seconds);
+    for (size_t k; (k = work.next++) < work.samples.size();) {
+      if (stop || !SampleRenderer{pass_, queue, emission_.view(), *space, work.batch}.run(work.samples[k])) {
+        work.is_complete = false;
+        return;
+      }
+      lane.synchronize();
+      queue.clock.collect(seconds);
+    }
+    add_to(work, *space, queue, take_counters(*space, seconds));
+  }
+
+  static RenderCounters take_counters(Workspace &space, const double (&seconds)[uint32_t(PhotonLap::Count)])
+  {
+    const EyeTracer::Counters eye = space.eye.take_counters();
     const auto of = [&](PhotonLap lap) { return seconds[uint32_t(lap)]; };
     RenderCounters c;
     c.num_bounce_rays = eye.num_bounce_rays;
@@ -230,7 +317,7 @@ class PassRenderer {
     c.shadow_seconds = of(PhotonLap::Shadow);
     c.film_seconds = of(PhotonLap::Film);
     c.largest_sample = eye.largest_sample;
-    c.photon = std::exchange(work_->store.counters, {});
+    c.photon = space.store.counters;
     c.photon.num_gathered = eye.num_gathered;
     c.photon.num_visible = eye.num_visible;
     c.photon.trace_seconds = of(PhotonLap::Photons);
@@ -239,24 +326,44 @@ class PassRenderer {
     return c;
   }
 
-  void deliver_batch(const Batch &batch)
+  // Adds what a lane has to what others had.
+  void add_to(BatchWork &work, Workspace &space, PassQueue &queue, const RenderCounters &counters) const
   {
-    const uint64_t bytes = GroupFilm(batch.num_pixels, pass_.outputs).bytes();
-    std::byte *host = static_cast<std::byte *>(lane_.to_host.reserve(bytes));
-    check(cudaMemcpyAsync(host, work_->film.data(), bytes, cudaMemcpyDeviceToHost, queue_.stream),
+    const std::lock_guard lock(work.mutex);
+    add_counters(work.counters, counters);
+    if (work.film.data() == nullptr) {
+      work.film = std::move(space.film);
+      return;
+    }
+    for (const Batch::Part &p : work.batch.parts) {
+      launch_add_film(film_of(p, work.film.data(), pass_.outputs),
+                      film_of(p, space.film.data(), pass_.outputs), queue.stream);
+    }
+    check(cudaStreamSynchronize(queue.stream), "cudaStreamSynchronize");
+  }
+
+  void deliver_batch(BatchWork &work)
+  {
+    const uint64_t bytes = GroupFilm(work.batch.num_pixels, pass_.outputs).bytes();
+    std::byte *host = static_cast<std::byte *>(lane_->to_host.reserve(bytes));
+    check(cudaMemcpyAsync(host, work.film.data(), bytes, cudaMemcpyDeviceToHost, lane_->stream()),
           "cudaMemcpyAsync");
-    const RenderCounters counters = take_counters();
-    for (const Batch::Part &p : batch.parts) {
-      deliver(pass_, p.group, film_of(p, host), &p == batch.parts.data() ? counters : RenderCounters{});
+    lane_->synchronize();
+    for (const Batch::Part &p : work.batch.parts) {
+      deliver(pass_, p.group, film_of(p, host, pass_.outputs),
+              &p == work.batch.parts.data() ? work.counters : RenderCounters{});
     }
   }
 
   const RenderPass &pass_;
-  PassQueue &queue_;
-  Lane &lane_;
+  const TraceScene &scene_;
+  const std::shared_ptr<DeviceMemory> &memory_;
+  LanePool &lanes_;
+  const LaneLease lane_;
   const DeviceEmission emission_;
+  WorkSizes sizes_{};
   std::vector<Batch> batches_;
-  std::optional<Workspace> work_;
+  uint64_t largest_batch_ = 0, largest_part_ = 0;  // in pixels
 };
 
 // Photons in flight and paths of a pilot.
@@ -298,11 +405,7 @@ void render_photons_on_device(const RenderPass &pass, const TraceScene &scene,
                               const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes)
 {
   if (pass.units.empty()) return;
-  const LaneLease lane = lanes.acquire();
-  PassQueue queue{scene, memory, lane->stream(), pass.cancelled, {}};
-  PassRenderer renderer(pass, queue, *lane);
-  const WaitAtEnd wait(lane->stream());
-  renderer.run();
+  PassRenderer(pass, scene, memory, lanes).run();
 }
 
 PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionView &emission,
@@ -310,7 +413,9 @@ PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionV
                                    const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes)
 {
   const LaneLease lane = lanes.acquire();
-  PassQueue queue{scene, memory, lane->stream(), nullptr, {}};
+  PassQueue queue{
+      scene, memory, lane->stream(), static_cast<std::byte *>(lane->to_device.reserve(PassQueue::pinned_bytes)),
+      nullptr, {}};
   const DeviceEmission on_device(emission, memory, lane->stream());
   PhotonPass photon_pass =
       make_photon_pass({num_photons, 1, PhotonKernel::Constant, 0}, emission, 0);
