@@ -90,9 +90,11 @@ float choose_initial_radius(const CommittedScene &scene, const PathSettings &pat
   if (!emission.cdf) return largest * 0x1p-7f;
   const PhotonPilot pilot = scene.photon_pilot(path, emission, pilot_photons, pilot_points_per_axis);
 
-  // The pilot's photons are denser or sparser than those of a pass: an area that has n of the pass has this many of the
-  // pilot. At least one photon tells a distance.
-  const double ratio = double(pilot_photons) / photons_per_pass;
+  // A large pass stands for several of the pilot's size, whose radii would have fallen as the cube root of their number: it
+  // gets the radius that they end with. The pilot's photons are denser or sparser than those of the pass that the radius is
+  // for: an area that has n of the pass has this many of the pilot. At least one photon tells a distance.
+  const double share = double(photons_per_pass) / pilot_photons;
+  const double ratio = share > 1 ? 1 / cube_root_of(share) : 1 / share;
   const double wanted = std::max(1.0, photons_in_radius * ratio);
   const uint64_t k = uint64_t(std::min(wanted, 4096.0));
   const double scale = std::sqrt(photons_in_radius * ratio / double(k));

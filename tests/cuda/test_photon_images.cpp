@@ -130,7 +130,7 @@ TEST(CudaPhotonImages, AreTheSameInLittleMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   constexpr uint64_t mib = uint64_t(1) << 20;
-  Pass o{uint32_t(amount(128, 64)), 64, 2};
+  Pass o{uint32_t(amount(128, 64)), 64, uint32_t(amount(6, 3))};
   o.photon.photons_per_pass = uint32_t(amount(300000, 60000));
   const Device roomy = make_device(GPURT_DEVICE_CUDA);
   const Scene a = make_scene(roomy, fill_cornell_box);

@@ -8,20 +8,20 @@ namespace gpurt::cuda {
 namespace {
 
 __global__ void __launch_bounds__(block_size)
-    begin_kernel(const __grid_constant__ EyeWave wave, const __grid_constant__ PhotonPass pass, uint32_t n)
+    begin_kernel(const __grid_constant__ EyeWave wave, uint32_t n)
 {
   __shared__ uint32_t places[num_warps + 1];
   const uint64_t i = thread_item();
-  const bool wants = i < n && wants_disc_trials(pass, wave.points[i]);
+  const bool wants = i < n && wants_disc_trials(wave.passes[slot_of(wave, uint32_t(i))], wave.points[i]);
   const uint32_t place = take_place(wants, &wave.numbers->next, places);
   if (!wants) return;
+  const PhotonPass pass = wave.passes[slot_of(wave, uint32_t(i))];
   store_ray(wave.queues[0].rays + place, disc_probe(pass, wave.states[i].key, wave.points[i], 0));
   wave.queues[0].paths[place] = uint32_t(i);
 }
 
 __global__ void __launch_bounds__(block_size)
-    end_kernel(const __grid_constant__ EyeWave wave, const __grid_constant__ PhotonPass pass, int from,
-               DiscTrials trials, uint32_t num_points)
+    end_kernel(const __grid_constant__ EyeWave wave, int from, DiscTrials trials, uint32_t num_points)
 {
   __shared__ uint32_t places[num_warps + 1];
   const uint64_t i = thread_item();
@@ -29,6 +29,7 @@ __global__ void __launch_bounds__(block_size)
   uint32_t path = 0, num_tried = 0;
   if (i < num_points) {
     path = wave.queues[from].paths[i];
+    const PhotonPass pass = wave.passes[slot_of(wave, path)];
     const VisiblePoint &point = wave.points[path];
     goes_on = true;
     while (goes_on && num_tried < trials.per_point) {
@@ -46,35 +47,35 @@ __global__ void __launch_bounds__(block_size)
 }
 
 __global__ void __launch_bounds__(block_size)
-    aim_kernel(const __grid_constant__ EyeWave wave, const __grid_constant__ PhotonPass pass, int from,
-               DiscTrials trials, uint32_t num_points)
+    aim_kernel(const __grid_constant__ EyeWave wave, int from, DiscTrials trials, uint32_t num_points)
 {
   const uint64_t i = thread_item();
   if (i >= uint64_t(num_points) * trials.per_point) return;
   const uint32_t path = wave.queues[from].paths[i / trials.per_point];
+  const PhotonPass pass = wave.passes[slot_of(wave, path)];
   store_ray(wave.queues[from].rays + i, disc_probe(pass, wave.states[path].key, wave.points[path],
                                                    trials.first + uint32_t(i % trials.per_point)));
 }
 
 }  // namespace
 
-void launch_begin_disc_trials(const EyeWave &wave, const PhotonPass &pass, uint32_t n, cudaStream_t stream)
+void launch_begin_disc_trials(const EyeWave &wave, uint32_t n, cudaStream_t stream)
 {
-  launch("kernel that begins trials of discs", begin_kernel, n, stream, wave, pass, n);
+  launch("kernel that begins trials of discs", begin_kernel, n, stream, wave, n);
 }
 
-void launch_end_disc_trials(const EyeWave &wave, const PhotonPass &pass, int from, DiscTrials trials,
-                            uint32_t num_points, cudaStream_t stream)
+void launch_end_disc_trials(const EyeWave &wave, int from, DiscTrials trials, uint32_t num_points,
+                            cudaStream_t stream)
 {
-  launch("kernel that ends trials of discs", end_kernel, num_points, stream, wave, pass, from, trials,
+  launch("kernel that ends trials of discs", end_kernel, num_points, stream, wave, from, trials,
          num_points);
 }
 
-void launch_aim_disc_trials(const EyeWave &wave, const PhotonPass &pass, int from, DiscTrials trials,
-                            uint32_t num_points, cudaStream_t stream)
+void launch_aim_disc_trials(const EyeWave &wave, int from, DiscTrials trials, uint32_t num_points,
+                            cudaStream_t stream)
 {
   launch("kernel that aims trials of discs", aim_kernel, uint64_t(num_points) * trials.per_point, stream,
-         wave, pass, from, trials, num_points);
+         wave, from, trials, num_points);
 }
 
 }  // namespace gpurt::cuda

@@ -37,11 +37,13 @@ struct EyeNumbers {
   unsigned long long num_probes;  // of trials up to the one that ended them
 };
 
-/// Paths of a part of a unit.
+/// Paths of a part of a unit, of one pass after another.
 struct EyeWave {
   SceneView scene;
   PathSettings settings;
   EyePixels pixels;
+  const PhotonPass *passes;  // by slot, in device memory
+  uint32_t first_slot;       // of the unit's first sample
   FilmView film;  // its optional arrays, which the eye rays' features are added to
   PathState *states;
   VisiblePoint *points;
@@ -63,22 +65,33 @@ struct DiscTrials {
   uint32_t first, per_point;
 };
 /// Aims the trial 0 of all of n points that want some, into queue 0: numbers->next of them.
-void launch_begin_disc_trials(const EyeWave &wave, const PhotonPass &pass, uint32_t n, cudaStream_t stream);
+void launch_begin_disc_trials(const EyeWave &wave, uint32_t n, cudaStream_t stream);
 /// Looks at the trials of num_points points of queue `from`. Points without an end go to the front of the other queue's
 /// paths, numbers->next of them.
-void launch_end_disc_trials(const EyeWave &wave, const PhotonPass &pass, int from, DiscTrials trials,
-                            uint32_t num_points, cudaStream_t stream);
+void launch_end_disc_trials(const EyeWave &wave, int from, DiscTrials trials, uint32_t num_points,
+                            cudaStream_t stream);
 /// Aims the trials of the points that are at the front of the queue's paths: num_points * trials.per_point rays.
-void launch_aim_disc_trials(const EyeWave &wave, const PhotonPass &pass, int from, DiscTrials trials,
-                            uint32_t num_points, cudaStream_t stream);
+void launch_aim_disc_trials(const EyeWave &wave, int from, DiscTrials trials, uint32_t num_points,
+                            cudaStream_t stream);
 
-/// Adds what points first .. first + n - 1 gather to their sums.
-void launch_gather_points(const PhotonGrid &grid, const PhotonPass &pass, uint32_t max_depth,
-                          const VisiblePoint *points, PhotonSum *sums, uint32_t n, cudaStream_t stream);
+/// Adds what points first .. first + n - 1 gather to their sums; `grid` as PhotonStore::build returns it.
+void launch_gather_points(const EyeWave &wave, const PhotonGrid &grid, PhotonSum *sums, uint32_t first,
+                          uint32_t n, cudaStream_t stream);
 /// Adds a film of the same size and arrays.
 void launch_add_film(const FilmView &to, const FilmView &from, cudaStream_t stream);
-/// Adds n paths, one of each pixel, to the film.
-void launch_add_photon_samples(const EyeWave &wave, const PhotonPass &pass, const PhotonSum *sums, uint32_t n,
-                               cudaStream_t stream);
+/// Adds n paths to the film.
+void launch_add_photon_samples(const EyeWave &wave, const PhotonSum *sums, uint32_t n, cudaStream_t stream);
+
+#if defined(__CUDACC__)
+/// The slot of the pass that path i belongs to.
+__device__ __forceinline__ uint32_t slot_of(const EyeWave &wave, uint32_t i)
+{
+  const PathUnit &unit = wave.pixels.unit;
+  const uint64_t num_pixels = uint64_t(unit.x1 - unit.x0) * (unit.y1 - unit.y0);
+  // Mostly the path is one of the first sample, and nothing need be divided.
+  const uint64_t k = unit.first_path + i;
+  return wave.first_slot + (k < num_pixels ? 0u : uint32_t(k / num_pixels));
+}
+#endif
 
 }  // namespace gpurt::cuda

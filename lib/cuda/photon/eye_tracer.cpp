@@ -72,6 +72,12 @@ void EyeTracer::clear_step()
         "cudaMemsetAsync");
 }
 
+void EyeTracer::set_passes(const PhotonPass *passes, uint32_t first_slot)
+{
+  wave_.passes = passes;
+  wave_.first_slot = first_slot;
+}
+
 bool EyeTracer::trace_points(const PathSettings &settings, const EyePixels &pixels, const FilmView &film,
                              uint32_t n)
 {
@@ -108,11 +114,11 @@ bool EyeTracer::trace_points(const PathSettings &settings, const EyePixels &pixe
   return true;
 }
 
-bool EyeTracer::measure_discs(const PhotonPass &pass, uint32_t n)
+bool EyeTracer::measure_discs(uint32_t remedies, uint32_t n)
 {
-  if (!(pass.remedies & remedy_boundary)) return true;
+  if (!(remedies & remedy_boundary)) return true;
   clear_step();
-  launch_begin_disc_trials(wave_, pass, n, queue_.stream);
+  launch_begin_disc_trials(wave_, n, queue_.stream);
   queue_.mark(PhotonLap::Generate);
   uint32_t num_points = read_numbers().next;
   int from = 0;
@@ -122,7 +128,7 @@ bool EyeTracer::measure_discs(const PhotonPass &pass, uint32_t n)
     queue_.trace(wave_.queues[from].rays, num_rays, hits_, Coherence::Coherent, nullptr, trace_scratch_);
     queue_.mark(PhotonLap::Trace);
     clear_step();
-    launch_end_disc_trials(wave_, pass, from, trials, num_points, queue_.stream);
+    launch_end_disc_trials(wave_, from, trials, num_points, queue_.stream);
     queue_.mark(PhotonLap::Shade);
     num_points = read_numbers().next;
     if (queue_.is_cancelled()) return false;
@@ -132,21 +138,20 @@ bool EyeTracer::measure_discs(const PhotonPass &pass, uint32_t n)
     trials.first += trials.per_point;
     trials.per_point =
         std::min({trials.first, max_disc_trials - trials.first, std::max(capacity_ / num_points, 1u)});
-    launch_aim_disc_trials(wave_, pass, from, trials, num_points, queue_.stream);
+    launch_aim_disc_trials(wave_, from, trials, num_points, queue_.stream);
     queue_.mark(PhotonLap::Generate);
   }
   return true;
 }
 
-bool EyeTracer::gather(const PhotonGrid &grid, const PhotonPass &pass, PhotonSum *sums, uint32_t n)
+bool EyeTracer::gather(const PhotonGrid &grid, PhotonSum *sums, uint32_t n)
 {
   if (grid.num_photons == 0) return true;
   Event begin, end;
   for (uint32_t first = 0; first < n;) {
     const uint32_t count = std::min(gather_slice_, n - first);
     begin.record(queue_.stream);
-    launch_gather_points(grid, pass, wave_.settings.max_depth, wave_.points + first, sums + first, count,
-                         queue_.stream);
+    launch_gather_points(wave_, grid, sums, first, count, queue_.stream);
     end.record(queue_.stream);
     first += count;
     // Where a slice is all, or the last one, the next step waits for it.
@@ -163,10 +168,10 @@ bool EyeTracer::gather(const PhotonGrid &grid, const PhotonPass &pass, PhotonSum
   return true;
 }
 
-void EyeTracer::add_samples(const PhotonPass &pass, const PhotonSum *sums, const FilmView &film, uint32_t n)
+void EyeTracer::add_samples(const PhotonSum *sums, const FilmView &film, uint32_t n)
 {
   wave_.film = film;
-  launch_add_photon_samples(wave_, pass, sums, n, queue_.stream);
+  launch_add_photon_samples(wave_, sums, n, queue_.stream);
   queue_.mark(PhotonLap::Film);
 }
 

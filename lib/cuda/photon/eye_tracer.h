@@ -15,14 +15,16 @@ class EyeTracer {
   uint32_t capacity() const { return capacity_; }
   const VisiblePoint *points() const { return wave_.points; }
 
+  /// Turns to passes, in device memory; `first_slot` is that of the unit's first sample.
+  void set_passes(const PhotonPass *passes, uint32_t first_slot);
   /// Follows n paths to their visible points. `film` takes what the eye rays met; its arrays may be null. False: cancelled.
   bool trace_points(const PathSettings &settings, const EyePixels &pixels, const FilmView &film, uint32_t n);
-  /// Measures the discs of the points. False: cancelled.
-  bool measure_discs(const PhotonPass &pass, uint32_t n);
+  /// Measures the discs of the points, where the passes' remedies ask for it. False: cancelled.
+  bool measure_discs(uint32_t remedies, uint32_t n);
   /// Adds what the points gather to sums[n]. False: cancelled.
-  bool gather(const PhotonGrid &grid, const PhotonPass &pass, PhotonSum *sums, uint32_t n);
-  /// Adds the paths to the film, of which all arrays are as trace_points had them but for `pixels`.
-  void add_samples(const PhotonPass &pass, const PhotonSum *sums, const FilmView &film, uint32_t n);
+  bool gather(const PhotonGrid &grid, PhotonSum *sums, uint32_t n);
+  /// Adds the paths to the film.
+  void add_samples(const PhotonSum *sums, const FilmView &film, uint32_t n);
 
   struct Counters {
     uint64_t num_camera_rays = 0, num_bounce_rays = 0, num_shadow_rays = 0, num_gathered = 0, num_visible = 0;

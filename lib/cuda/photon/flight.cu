@@ -8,21 +8,22 @@ namespace {
 
 __global__ void __launch_bounds__(block_size)
     emit_kernel(const __grid_constant__ PhotonFlight flight, const __grid_constant__ PhotonQueue queue,
-                uint32_t first, uint32_t slot, uint32_t n, FlightNumbers *numbers)
+                uint32_t first, uint32_t place, uint32_t n, FlightNumbers *numbers)
 {
   const uint64_t i = thread_item();
   bool is_missing = false;
   if (i < n) {
-    const PhotonUnit &unit = flight.unit;
-    const uint32_t id = first + uint32_t(i), to = slot + uint32_t(i);
-    const SampleKey key = photon_key(unit.seed, unit.frame_index, unit.pass.index, unit.photons_per_pass, id);
+    const uint32_t number = first + uint32_t(i), to = place + uint32_t(i);
+    const uint32_t slot = number / flight.photons_per_pass, id = number - slot * flight.photons_per_pass;
+    const SampleKey key = photon_key(flight.seed, flight.frame_index, flight.passes[slot].index,
+                                     flight.photons_per_pass, id);
     EmittedPhoton photon{};
     is_missing = !emit_photon(flight.scene, flight.emission, key, photon);
     if (is_missing) {
       photon.ray = {vec3(0.0f), 0.0f, vec3(0.0f), -1.0f};
       photon.triangle = invalid_id;
     }
-    queue.photons[to] = {photon.flux, id, key.seed, key.reversed_index, 0};
+    queue.photons[to] = {photon.flux, id, key.seed, key.reversed_index, slot << slot_shift};
     store_ray(queue.rays + to, photon.ray);
     queue.left_out[to] = flight.leaves_out && photon.triangle != invalid_id
                              ? leave_out(flight.scene, photon.ray, photon.triangle)
@@ -69,25 +70,29 @@ __global__ void __launch_bounds__(block_size)
   __shared__ uint32_t next_places[num_warps + 1], record_places[num_warps + 1];
   const uint64_t i = thread_item();
   MadePhotons made;
+  made.record.bounce = 0;
   made.has_record = made.has_next = false;
   PhotonState photon;
-  uint32_t triangle = invalid_id, num_hits = 0;
+  uint32_t triangle = invalid_id, num_hits_and_slot = 0;
   if (i < n) {
     const Hit hit = hits[i];
     triangle = hit.triangle;
     if (triangle != invalid_id) {
       const FlyingPhoton flying = from.photons[i];
       photon = {flying.flux, flying.id, {flying.seed, flying.reversed_index}};
-      num_hits = flying.num_hits + 1;
-      PhotonVertex{flight.scene, flight.unit.max_depth, num_hits}.scatter(from.rays[i], hit, photon,
-                                                                          MadePhotonsSink{made});
+      num_hits_and_slot = flying.num_hits_and_slot + 1;
+      const uint32_t slot_bits = num_hits_and_slot >> slot_shift << slot_shift;
+      PhotonVertex{flight.scene, flight.max_depth, num_hits_and_slot - slot_bits}.scatter(
+          from.rays[i], hit, photon, MadePhotonsSink{made});
+      made.record.bounce |= slot_bits;
     }
   }
   const uint32_t record_place = take_place(made.has_record, &numbers->stored, record_places);
   if (made.has_record) store_record(records + record_place, made.record);
   const uint32_t next_place = take_place(made.has_next, &numbers->next, next_places);
   if (made.has_next) {
-    to.photons[next_place] = {photon.flux, photon.id, photon.key.seed, photon.key.reversed_index, num_hits};
+    to.photons[next_place] = {photon.flux, photon.id, photon.key.seed, photon.key.reversed_index,
+                              num_hits_and_slot};
     store_ray(to.rays + next_place, made.next);
     to.left_out[next_place] =
         flight.leaves_out ? leave_out(flight.scene, made.next, triangle) : invalid_id;
@@ -96,10 +101,10 @@ __global__ void __launch_bounds__(block_size)
 
 }  // namespace
 
-void launch_emit_photons(const PhotonFlight &flight, const PhotonQueue &queue, uint32_t first, uint32_t slot,
+void launch_emit_photons(const PhotonFlight &flight, const PhotonQueue &queue, uint32_t first, uint32_t place,
                          uint32_t n, FlightNumbers *numbers, cudaStream_t stream)
 {
-  launch("kernel that emits photons", emit_kernel, n, stream, flight, queue, first, slot, n, numbers);
+  launch("kernel that emits photons", emit_kernel, n, stream, flight, queue, first, place, n, numbers);
 }
 
 void launch_scatter_photons(const PhotonFlight &flight, const PhotonQueue &from, const Hit *hits, uint32_t n,

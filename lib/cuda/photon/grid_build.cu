@@ -3,6 +3,7 @@
 #include <cub/device/device_radix_sort.cuh>
 
 #include "cuda/launch.h"
+#include "cuda/photon/flight.h"
 #include "cuda/photon/kernels.h"
 
 namespace gpurt::cuda {
@@ -39,7 +40,7 @@ bool packs_records(const PhotonSource &source, const GridTarget &target)
          ((source.fluxes != nullptr && !target.ids_for_fluxes) || target.rests != nullptr);
 }
 
-Layout layout_of(const GridShape &shape, const PhotonSource &source, const GridTarget &target)
+Layout layout_of(uint32_t table_size, const PhotonSource &source, const GridTarget &target)
 {
   const uint64_t n = source.num_photons, words = align(n * sizeof(uint32_t));
   Layout layout{};
@@ -49,12 +50,12 @@ Layout layout_of(const GridShape &shape, const PhotonSource &source, const GridT
   layout.sorted_indices = 3 * words;
   layout.records = 4 * words;
   layout.gaps = layout.records + (packs_records(source, target) ? align(n * sizeof(Photon)) : 0);
-  layout.num_gaps = layout.gaps + align((uint64_t(shape.table_size) / max_warp_gap + 2) * sizeof(Gap));
+  layout.num_gaps = layout.gaps + align((uint64_t(table_size) / max_warp_gap + 2) * sizeof(Gap));
   layout.sort = layout.num_gaps + 256;
   const uint32_t *from = nullptr;
   uint32_t *to = nullptr;
   check(cub::DeviceRadixSort::SortPairs(nullptr, layout.sort_bytes, from, to, from, to, uint32_t(n), 0,
-                                        bits_of(shape.table_size - 1)),
+                                        bits_of(table_size - 1)),
         "cub::DeviceRadixSort::SortPairs");
   layout.end = layout.sort + align(layout.sort_bytes);
   return layout;
@@ -62,11 +63,12 @@ Layout layout_of(const GridShape &shape, const PhotonSource &source, const GridT
 
 __global__ void __launch_bounds__(block_size)
     key_kernel(const __grid_constant__ GridShape shape, const __grid_constant__ PhotonSource source,
-               uint32_t *keys, uint32_t *indices)
+               bool has_slots, uint32_t *keys, uint32_t *indices)
 {
   const uint64_t i = thread_item();
   if (i >= source.num_photons) return;
-  keys[i] = photon_entry(shape, source_position(source, i));
+  const uint32_t slot = has_slots ? source.records[i].bounce >> slot_shift : 0;
+  keys[i] = slot * shape.table_size + photon_entry(shape, source_position(source, i));
   indices[i] = uint32_t(i);
 }
 
@@ -161,20 +163,22 @@ __global__ void __launch_bounds__(block_size)
 
 }  // namespace
 
-uint64_t grid_build_bytes(const GridShape &shape, const PhotonSource &source, const GridTarget &target)
+uint64_t grid_build_bytes(const GridShape &shape, const PhotonSource &source, const GridTarget &target,
+                          uint32_t num_slots)
 {
-  return layout_of(shape, source, target).end;
+  return layout_of(shape.table_size * num_slots, source, target).end;
 }
 
 void launch_build_grid(const GridShape &shape, const PhotonSource &source, const GridTarget &target,
-                       void *memory, cudaStream_t stream)
+                       void *memory, cudaStream_t stream, uint32_t num_slots)
 {
+  const uint32_t table_size = shape.table_size * num_slots;
   if (source.num_photons == 0) {
-    check(cudaMemsetAsync(target.starts, 0, (uint64_t(shape.table_size) + 1) * sizeof(uint32_t), stream),
+    check(cudaMemsetAsync(target.starts, 0, (uint64_t(table_size) + 1) * sizeof(uint32_t), stream),
           "cudaMemsetAsync");
     return;
   }
-  const Layout layout = layout_of(shape, source, target);
+  const Layout layout = layout_of(table_size, source, target);
   std::byte *const base = static_cast<std::byte *>(memory);
   const auto words = [&](uint64_t at) { return reinterpret_cast<uint32_t *>(base + at); };
   const uint64_t n = source.num_photons;
@@ -185,23 +189,23 @@ void launch_build_grid(const GridShape &shape, const PhotonSource &source, const
            words(layout.indices), records);
     placed.records = records;
   } else {
-    launch("kernel that numbers the cells of photons", key_kernel, n, stream, shape, source,
+    launch("kernel that numbers the cells of photons", key_kernel, n, stream, shape, source, num_slots > 1,
            words(layout.keys), words(layout.indices));
   }
   size_t sort_bytes = layout.sort_bytes;
   check(cub::DeviceRadixSort::SortPairs(base + layout.sort, sort_bytes, words(layout.keys),
                                         words(layout.sorted_keys), words(layout.indices),
                                         words(layout.sorted_indices), uint32_t(n), 0,
-                                        bits_of(shape.table_size - 1), stream),
+                                        bits_of(table_size - 1), stream),
         "cub::DeviceRadixSort::SortPairs");
   check(cudaMemsetAsync(base + layout.num_gaps, 0, sizeof(uint32_t), stream), "cudaMemsetAsync");
   Gap *const gaps = reinterpret_cast<Gap *>(base + layout.gaps);
   if (placed.records != nullptr) {
     launch("kernel that places photons", place_kernel<true>, n, stream, placed, words(layout.sorted_keys),
-           words(layout.sorted_indices), target, shape.table_size, gaps, words(layout.num_gaps));
+           words(layout.sorted_indices), target, table_size, gaps, words(layout.num_gaps));
   } else {
     launch("kernel that places points", place_kernel<false>, n, stream, placed, words(layout.sorted_keys),
-           words(layout.sorted_indices), target, shape.table_size, gaps, words(layout.num_gaps));
+           words(layout.sorted_indices), target, table_size, gaps, words(layout.num_gaps));
   }
   launch_blocks("kernel that fills empty cells", gap_kernel, 512, block_size, stream, target.starts, gaps,
                 words(layout.num_gaps));

@@ -31,10 +31,12 @@ struct GridTarget {
   uint32_t *indices;
   bool ids_for_fluxes;  // the index in place of the flux
 };
-/// Working memory of a build.
-uint64_t grid_build_bytes(const GridShape &shape, const PhotonSource &source, const GridTarget &target);
+/// Working memory of a build. With several slots the records are those of photons in flight (flight.h), and the table has
+/// the entries of one slot after the other.
+uint64_t grid_build_bytes(const GridShape &shape, const PhotonSource &source, const GridTarget &target,
+                          uint32_t num_slots = 1);
 void launch_build_grid(const GridShape &shape, const PhotonSource &source, const GridTarget &target,
-                       void *memory, cudaStream_t stream);
+                       void *memory, cudaStream_t stream, uint32_t num_slots = 1);
 
 /// The records of a grid's points, in the order of their indices.
 void launch_read_grid(const PhotonGrid &grid, bool has_fluxes, Photon *records, cudaStream_t stream);

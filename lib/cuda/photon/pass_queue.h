@@ -13,12 +13,12 @@ struct PassQueue {
   const TraceScene &scene;
   std::shared_ptr<DeviceMemory> memory;
   cudaStream_t stream;
-  std::byte *numbers;                  // pinned_bytes of host memory for what kernels count: see below
+  std::byte *numbers;                  // pinned_bytes of host memory for what travels: see below
   const std::atomic<bool> *cancelled;  // or null
   LapClock clock;
 
-  // Where the photons' numbers and those of eye paths go in it.
-  static constexpr uint64_t pinned_bytes = 512, eye_numbers = 256;
+  // Where the photons' numbers, those of eye paths, and what passes are made with go in it.
+  static constexpr uint64_t eye_numbers = 256, passes = 512, pinned_bytes = 4096;
 
   bool has_near() const { return has_near_kernels(scene); }
   bool is_cancelled() const { return cancelled != nullptr && cancelled->load(std::memory_order_relaxed); }

@@ -31,10 +31,10 @@ FlightArrays lay_out(std::byte *base, uint64_t n)
   return a;
 }
 
-// Entries of the largest table that make_grid_shape chooses.
-uint64_t largest_table(uint64_t num_photons)
+// Entries of the largest tables that make_grid_shape chooses.
+uint64_t largest_tables(uint64_t num_photons, uint32_t num_slots)
 {
-  return std::min(std::max(num_photons * 5 / 2, uint64_t(4096)), uint64_t(1) << 31);
+  return std::min(std::max(num_photons * 5 / 2, uint64_t(4096) * num_slots), uint64_t(1) << 31);
 }
 
 // What a photon of a map takes, about: its record, probe, rest and entries, the sort's keys and indices, and what the sort
@@ -46,9 +46,10 @@ constexpr uint64_t steps_per_map = 4;
 
 }  // namespace
 
-PhotonStore::PhotonStore(PassQueue &queue, uint32_t capacity)
+PhotonStore::PhotonStore(PassQueue &queue, uint32_t capacity, uint32_t most_slots)
     : queue_(queue),
       capacity_(capacity),
+      most_slots_(most_slots),
       buffer_(queue.memory, lay_out(nullptr, capacity).bytes, "photons in flight")
 {
   const FlightArrays a = lay_out(buffer_.data(), capacity);
@@ -88,7 +89,7 @@ std::unique_ptr<PhotonStore::Map> PhotonStore::make_map(uint64_t capacity) const
   map->capacity = capacity;
   map->records = {queue_.memory, capacity, "photons"};
   GridShape shape{};
-  shape.table_size = uint32_t(largest_table(capacity));
+  shape.table_size = uint32_t(largest_tables(capacity, most_slots_));
   const PhotonSource source{map->records.data(), nullptr, nullptr, nullptr, capacity};
   const auto lay_out = [&](std::byte *base) {
     Layout layout(base);
@@ -124,9 +125,10 @@ bool PhotonStore::make_room(uint64_t wanted)
   return true;
 }
 
-void PhotonStore::begin(const PhotonFlight &flight, uint32_t num_emitted)
+void PhotonStore::begin(const PhotonFlight &flight, uint32_t num_emitted, uint32_t num_slots)
 {
   flight_ = flight;
+  num_slots_ = num_slots;
   num_emitted_ = num_emitted;
   num_started_ = num_flying_ = 0;
   num_stored_ = 0;
@@ -166,7 +168,7 @@ bool PhotonStore::trace()
   }
   queue_.mark(PhotonLap::Photons);
   counters.num_stored += num_stored_;
-  ++counters.num_sub_passes;
+  counters.num_sub_passes += num_slots_;
   if (is_last()) counters.num_emitted += num_emitted_;
   return true;
 }
@@ -180,11 +182,11 @@ PhotonGrid PhotonStore::build(float radius)
   check(cudaStreamSynchronize(queue_.stream), "cudaStreamSynchronize");
   const auto &found = *reinterpret_cast<const DevicePointsFound *>(queue_.numbers);
   const GridShape shape =
-      make_grid_shape(num_stored_ != 0 ? bounds_of(found) : empty_box(), radius, num_stored_);
-  if (grid_build_bytes(shape, source, map_->target) > map_->work_bytes)
+      make_grid_shape(num_stored_ != 0 ? bounds_of(found) : empty_box(), radius, num_stored_ / num_slots_);
+  if (grid_build_bytes(shape, source, map_->target, num_slots_) > map_->work_bytes)
     fail(GPURT_ERROR_INTERNAL, "a grid of {} photons wants more memory than one of {}", num_stored_,
          map_->capacity);
-  launch_build_grid(shape, source, map_->target, map_->work, queue_.stream);
+  launch_build_grid(shape, source, map_->target, map_->work, queue_.stream, num_slots_);
   queue_.mark(PhotonLap::Build);
   return {shape, map_->target.starts, map_->target.probes, map_->target.rests, nullptr, num_stored_};
 }

@@ -1,4 +1,4 @@
-// The photons of a pass on the device, traced into one map after another, each as large as memory allows.
+// The photons of passes that fly together on the device, traced into one map after another, each as large as memory allows.
 //
 // A map is full where a step of the photons in flight may not find room for what it leaves behind. They stay in flight while
 // the map is used, and go on into the next one: nothing is lost, and nothing traced twice.
@@ -13,14 +13,16 @@ namespace gpurt::cuda {
 
 class PhotonStore {
  public:
-  /// For up to `capacity` photons in flight. Throws OUT_OF_MEMORY where a map of some times as many has no room.
-  PhotonStore(PassQueue &queue, uint32_t capacity);
+  /// For up to `capacity` photons in flight, of as many as most_slots passes. Throws OUT_OF_MEMORY where a map of some times
+  /// as many photons has no room.
+  PhotonStore(PassQueue &queue, uint32_t capacity, uint32_t most_slots);
 
-  /// Turns to photons 0 .. num_emitted - 1 of a pass.
-  void begin(const PhotonFlight &flight, uint32_t num_emitted);
-  /// Traces further photons of the pass into records. False: cancelled. Throws OUT_OF_MEMORY, UNSUPPORTED.
+  /// Turns to the photons of `num_slots` passes, num_emitted in all.
+  void begin(const PhotonFlight &flight, uint32_t num_emitted, uint32_t num_slots);
+  /// Traces further photons of the passes into records. False: cancelled. Throws OUT_OF_MEMORY, UNSUPPORTED.
   bool trace();
-  /// Sorts the records into a grid for gathers within `radius`, which the stream then has.
+  /// Sorts the records into grids for gathers within `radius` or less, one behind the other, which the stream then has:
+  /// that of slot s has the view's starts from s * table_size on.
   PhotonGrid build(float radius);
   /// Whether no photons are left to trace.
   bool is_last() const { return num_started_ == num_emitted_ && num_flying_ == 0; }
@@ -39,7 +41,7 @@ class PhotonStore {
   const FlightNumbers &read_numbers();
 
   PassQueue &queue_;
-  const uint32_t capacity_;
+  const uint32_t capacity_, most_slots_;
   DeviceBuffer<std::byte> buffer_;
   PhotonQueue queues_[2] = {};
   Hit *hits_ = nullptr;
@@ -59,7 +61,7 @@ class PhotonStore {
   std::unique_ptr<Map> map_;
 
   PhotonFlight flight_{};
-  uint32_t num_emitted_ = 0, num_started_ = 0, num_flying_ = 0;
+  uint32_t num_slots_ = 1, num_emitted_ = 0, num_started_ = 0, num_flying_ = 0;
   int from_ = 0;  // the queue that the photons in flight are in
   uint64_t num_stored_ = 0;
 };

@@ -16,8 +16,12 @@ namespace {
 // Photons and paths that run together. More no longer help the device; fewer are taken where memory is short.
 constexpr uint32_t most_in_flight = uint32_t(1) << 20;
 constexpr uint32_t fewest_in_flight = uint32_t(1) << 10;
-// Pixels and photons of passes that run side by side, about.
-constexpr uint64_t lanes_paths = uint64_t(1) << 21;
+// Passes that are small run together: about as many photons, and paths of the eye, and no more passes than this.
+constexpr uint64_t photons_together = uint64_t(1) << 22, paths_together = uint64_t(1) << 20;
+constexpr uint32_t most_slots = 64;
+static_assert(PassQueue::passes + most_slots * sizeof(PhotonPass) <= PassQueue::pinned_bytes);
+// Side by side: while one waits for the numbers of a step, the other fills the device.
+constexpr unsigned most_lanes = 2;
 // Pixels whose film is on the device at once: the photons of a pass are traced again for the others.
 constexpr uint64_t most_pixels = uint64_t(1) << 25;
 
@@ -42,13 +46,16 @@ class DeviceEmission {
 
 // What passes work on.
 struct Workspace {
-  Workspace(PassQueue &queue, uint32_t num_flying, uint32_t num_paths, uint64_t num_pixels, uint32_t outputs)
+  Workspace(PassQueue &queue, uint32_t num_flying, uint32_t num_paths, uint64_t num_pixels,
+            uint32_t num_slots, uint32_t outputs)
       : film(queue.memory, GroupFilm(num_pixels, outputs).bytes(), "the film of passes"),
-        sums(queue.memory, num_pixels, "sums of photons"),
+        passes(queue.memory, num_slots, "passes of photons"),
+        sums(queue.memory, num_pixels * num_slots, "sums of photons"),
         eye(queue, num_paths),
-        store(queue, num_flying)
+        store(queue, num_flying, num_slots)
   {}
   DeviceBuffer<std::byte> film;
+  DeviceBuffer<PhotonPass> passes;
   DeviceBuffer<PhotonSum> sums;
   EyeTracer eye;
   PhotonStore store;  // last, since it looks at what the others leave
@@ -72,47 +79,52 @@ FilmView film_of(const Batch::Part &part, std::byte *base, uint32_t outputs)
       .view(base + GroupFilm(part.first_pixel, outputs).bytes(), u.x1 - u.x0, u.y1 - u.y0);
 }
 
-// One sample of all units of a batch, on one lane.
-struct SampleRenderer {
+// Samples first .. first + count - 1, which run together.
+struct SampleRange {
+  uint64_t first;
+  uint32_t count;
+};
+
+// Some samples of all units of a batch, on one lane.
+struct SamplesRenderer {
   const RenderPass &pass;
   PassQueue &queue;
   const EmissionView &emission;  // in device memory
   Workspace &space;
   const Batch &batch;
+  const SampleRange samples;
 
   // False: cancelled.
-  bool run(uint64_t sample)
+  bool run()
   {
-    const PhotonPass photon_pass = make_photon_pass(pass.photon->settings, pass.photon->emission, sample);
-    PhotonStore &store = space.store;
-    PhotonCounters radius;
-    radius.smallest_radius = double(photon_pass.radius);
-    store.counters.add(radius);
     queue.clock.start(queue.stream);
-    const PhotonUnit unit{pass.settings.seed,
-                          pass.settings.frame_index,
-                          pass.settings.max_depth,
-                          photon_pass,
-                          pass.photon->settings.photons_per_pass,
-                          0};
-    store.begin({queue.scene.scene, emission, unit, queue.has_near()}, photon_pass.num_emitted);
-    check(cudaMemsetAsync(space.sums.data(), 0, batch.num_pixels * sizeof(PhotonSum), queue.stream),
-          "cudaMemsetAsync");
+    const PhotonPass first = set_passes();
+    const uint32_t num_emitted = first.num_emitted * samples.count;
+    const PhotonFlight flight{queue.scene.scene,
+                              emission,
+                              space.passes.data(),
+                              pass.settings.seed,
+                              pass.settings.frame_index,
+                              pass.settings.max_depth,
+                              pass.photon->settings.photons_per_pass,
+                              queue.has_near()};
+    PhotonStore &store = space.store;
+    store.begin(flight, num_emitted, samples.count);
+    check(cudaMemsetAsync(space.sums.data(), 0, space.sums.bytes(), queue.stream), "cudaMemsetAsync");
 
     uint64_t num_waves = 0;
-    for (const Batch::Part &p : batch.parts) {
-      if (has_sample(p, sample))
-        num_waves += (p.group.num_pixels() + space.eye.capacity() - 1) / space.eye.capacity();
-    }
+    for (const Batch::Part &p : batch.parts)
+      num_waves += (paths_of(p).count + space.eye.capacity() - 1) / space.eye.capacity();
     bool is_first = true;
     do {
       if (!store.trace()) return false;
-      const PhotonGrid grid = store.build(photon_pass.radius);
+      // Radii fall from pass to pass.
+      const PhotonGrid grid = store.build(first.radius);
       // The paths of a single wave stay for further maps; others are followed again.
       const bool stay = num_waves == 1;
       const Maps maps{is_first || !stay, stay ? is_first : store.is_last(), store.is_last()};
       for (const Batch::Part &p : batch.parts) {
-        if (has_sample(p, sample) && !gather_part(p, sample, photon_pass, grid, maps)) return false;
+        if (!gather_part(p, grid, maps)) return false;
       }
       is_first = false;
     } while (!store.is_last());
@@ -120,35 +132,58 @@ struct SampleRenderer {
   }
 
  private:
-  // What is to be done with one of a pass's maps.
+  // What is to be done with one of the passes' maps.
   struct Maps {
     bool traces_paths, adds_features, is_last;
   };
 
-  static bool has_sample(const Batch::Part &part, uint64_t sample)
+  // Paths of a part: those of its units' samples that are among these.
+  struct PartPaths {
+    uint64_t first_sample, count;
+  };
+  PartPaths paths_of(const Batch::Part &part) const
   {
     const WorkUnit &u = part.group.bounds;
-    return sample >= u.first_sample && sample - u.first_sample < u.num_samples;
+    const uint64_t begin = std::max(samples.first, u.first_sample);
+    const uint64_t end = std::min(samples.first + samples.count, u.first_sample + u.num_samples);
+    return {begin, begin < end ? (end - begin) * part.group.num_pixels() : 0};
   }
 
-  bool gather_part(const Batch::Part &part, uint64_t sample, const PhotonPass &photon_pass,
-                   const PhotonGrid &grid, const Maps &maps)
+  // Hands what the passes are made with to the device, and returns the first of them.
+  PhotonPass set_passes()
+  {
+    auto *host = reinterpret_cast<PhotonPass *>(queue.numbers + PassQueue::passes);
+    PhotonCounters radii;
+    for (uint32_t k = 0; k < samples.count; ++k) {
+      host[k] = make_photon_pass(pass.photon->settings, pass.photon->emission, samples.first + k);
+      radii.smallest_radius = double(host[k].radius);
+      space.store.counters.add(radii);
+    }
+    check(cudaMemcpyAsync(space.passes.data(), host, samples.count * sizeof(PhotonPass),
+                          cudaMemcpyHostToDevice, queue.stream),
+          "cudaMemcpyAsync");
+    return host[0];
+  }
+
+  bool gather_part(const Batch::Part &part, const PhotonGrid &grid, const Maps &maps)
   {
     EyeTracer &eye = space.eye;
     const WorkUnit &u = part.group.bounds;
+    const PartPaths paths = paths_of(part);
     const FilmView film = film_of(part, space.film.data(), pass.outputs);
     FilmView features = film;
     if (!maps.adds_features) features.features = nullptr, features.first_hits = nullptr;
-    const uint64_t num_pixels = part.group.num_pixels();
-    for (uint64_t first = 0; first < num_pixels; first += eye.capacity()) {
-      const uint32_t n = uint32_t(std::min<uint64_t>(eye.capacity(), num_pixels - first));
-      PhotonSum *sums = space.sums.data() + part.first_pixel + first;
-      const EyePixels pixels{{u.x0, u.y0, u.x1, u.y1, sample, first}, 0};
+    eye.set_passes(space.passes.data(), uint32_t(paths.first_sample - samples.first));
+    for (uint64_t first = 0; first < paths.count; first += eye.capacity()) {
+      const uint32_t n = uint32_t(std::min<uint64_t>(eye.capacity(), paths.count - first));
+      PhotonSum *sums = space.sums.data() + part.first_pixel * samples.count + first;
+      const EyePixels pixels{{u.x0, u.y0, u.x1, u.y1, paths.first_sample, first}, 0};
       if (maps.traces_paths &&
-          !(eye.trace_points(pass.settings, pixels, features, n) && eye.measure_discs(photon_pass, n)))
+          !(eye.trace_points(pass.settings, pixels, features, n) &&
+            eye.measure_discs(pass.photon->settings.remedies, n)))
         return false;
-      if (!eye.gather(grid, photon_pass, sums, n)) return false;
-      if (maps.is_last) eye.add_samples(photon_pass, sums, film, n);
+      if (!eye.gather(grid, sums, n)) return false;
+      if (maps.is_last) eye.add_samples(sums, film, n);
     }
     return true;
   }
@@ -159,6 +194,7 @@ struct WorkSizes {
   uint32_t num_flying;
   uint64_t most_paths;  // of a wave
   uint64_t most_film;   // pixels of a batch
+  uint32_t num_slots;   // passes that run together
 };
 
 class PassRenderer {
@@ -192,22 +228,28 @@ class PassRenderer {
 
   std::unique_ptr<Workspace> make_workspace(PassQueue &queue) const
   {
-    return std::make_unique<Workspace>(queue, sizes_.num_flying,
-                                       uint32_t(std::min(largest_part_, sizes_.most_paths)), largest_batch_,
-                                       pass_.outputs);
+    const uint64_t num_paths = std::min(largest_part_ * sizes_.num_slots, sizes_.most_paths);
+    return std::make_unique<Workspace>(queue, sizes_.num_flying, uint32_t(num_paths), largest_batch_,
+                                       sizes_.num_slots, pass_.outputs);
   }
 
   // Finds the largest workspace that memory has room for.
   void fit()
   {
-    uint64_t num_pixels = 0, largest_unit = 0;
+    uint64_t num_pixels = 0, largest_unit = 0, most_samples = 0;
     for (const WorkUnit &u : pass_.units) {
       const uint64_t area = uint64_t(u.x1 - u.x0) * (u.y1 - u.y0);
       num_pixels += area;
       largest_unit = std::max(largest_unit, area);
+      most_samples = std::max(most_samples, u.num_samples);
     }
-    sizes_ = {std::clamp(pass_.photon->settings.photons_per_pass, fewest_in_flight, most_in_flight),
-              most_in_flight, std::max(std::min(num_pixels, most_pixels), largest_unit)};
+    const uint64_t num_photons = pass_.photon->settings.photons_per_pass;
+    const uint64_t num_slots =
+        std::max<uint64_t>(std::min({photons_together / num_photons, paths_together / num_pixels,
+                                     uint64_t(most_slots), most_samples}),
+                           1);
+    sizes_ = {uint32_t(std::clamp<uint64_t>(num_photons * num_slots, fewest_in_flight, most_in_flight)),
+              most_in_flight, std::max(std::min(num_pixels, most_pixels), largest_unit), uint32_t(num_slots)};
     PassQueue queue = queue_on(*lane_);
     for (;;) {
       cut_batches();
@@ -219,11 +261,11 @@ class PassRenderer {
         check(cudaStreamSynchronize(queue.stream), "cudaStreamSynchronize");
         if (e.result() != GPURT_ERROR_OUT_OF_MEMORY) throw;
         if (sizes_.num_flying <= fewest_in_flight && sizes_.most_paths <= fewest_in_flight &&
-            sizes_.most_film <= largest_unit)
+            sizes_.most_film <= largest_unit && sizes_.num_slots == 1)
           throw;
         sizes_ = {std::max(sizes_.num_flying / 2, fewest_in_flight),
                   std::max<uint64_t>(sizes_.most_paths / 2, fewest_in_flight),
-                  std::max(sizes_.most_film / 2, largest_unit)};
+                  std::max(sizes_.most_film / 2, largest_unit), std::max(sizes_.num_slots / 2, 1u)};
       }
     }
   }
@@ -248,7 +290,7 @@ class PassRenderer {
   // What the lanes of a batch share.
   struct BatchWork {
     const Batch &batch;
-    std::vector<uint64_t> samples = {};
+    std::vector<SampleRange> samples = {};
     std::atomic<size_t> next = 0;
     std::atomic<bool> is_complete = true;  // false: cancelled
     std::mutex mutex = {};
@@ -265,10 +307,16 @@ class PassRenderer {
       for (uint64_t k = 0; k < p.group.bounds.num_samples; ++k)
         samples.insert(p.group.bounds.first_sample + k);
     }
-    work.samples.assign(samples.begin(), samples.end());
-    // Small passes leave the device idle between their steps.
-    const uint64_t pass_size = batch.num_pixels + pass_.photon->settings.photons_per_pass;
-    const uint64_t most_lanes = std::clamp<uint64_t>(lanes_paths / pass_size, 2, 6);
+    for (const uint64_t sample : samples) {
+      if (!work.samples.empty()) {
+        SampleRange &last = work.samples.back();
+        if (last.first + last.count == sample && last.count < sizes_.num_slots) {
+          ++last.count;
+          continue;
+        }
+      }
+      work.samples.push_back({sample, 1});
+    }
     run_on_lanes(lanes_, memory_->ordinal(), unsigned(std::min<uint64_t>(work.samples.size(), most_lanes)),
                  [&](Lane &lane, const std::atomic<bool> &stop) { render_samples(work, lane, stop); });
     if (work.is_complete && !is_cancelled()) deliver_batch(work);
@@ -294,7 +342,7 @@ class PassRenderer {
     RenderCounters counters;
     double seconds[uint32_t(PhotonLap::Count)] = {};
     for (size_t k; (k = work.next++) < work.samples.size();) {
-      if (stop || !SampleRenderer{pass_, queue, emission_.view(), *space, work.batch}.run(work.samples[k])) {
+      if (stop || !SamplesRenderer{pass_, queue, emission_.view(), *space, work.batch, work.samples[k]}.run()) {
         work.is_complete = false;
         return;
       }
@@ -376,10 +424,10 @@ PhotonPilot trace_pilot(PassQueue &queue, const PhotonFlight &flight, const Path
   PhotonPilot pilot;
   const uint32_t num_points = points_per_axis * points_per_axis;
   EyeTracer eye(queue, num_points);
-  PhotonStore store(queue, capacity);
+  PhotonStore store(queue, capacity, 1);
   const WaitAtEnd wait(queue.stream);
   queue.clock.start(queue.stream);
-  store.begin(flight, num_photons);
+  store.begin(flight, num_photons, 1);
   do {
     store.trace();
     const size_t before = pilot.photons.size();
@@ -420,9 +468,10 @@ PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionV
   PhotonPass photon_pass =
       make_photon_pass({num_photons, 1, PhotonKernel::Constant, 0}, emission, 0);
   photon_pass.index = pilot_pass;
-  const PhotonFlight flight{scene.scene, on_device.view(),
-                            {settings.seed, settings.frame_index, settings.max_depth, photon_pass, num_photons, 0},
-                            queue.has_near()};
+  const DeviceBuffer<PhotonPass> passes =
+      upload(memory, std::span<const PhotonPass>(&photon_pass, 1), "a pass of photons", lane->stream());
+  const PhotonFlight flight{scene.scene,          on_device.view(),   passes.data(), settings.seed,
+                            settings.frame_index, settings.max_depth, num_photons,   queue.has_near()};
   for (uint32_t capacity = std::clamp(num_photons, smallest_pilot_capacity, pilot_capacity);; capacity /= 2) {
     try {
       return trace_pilot(queue, flight, settings, photon_pass.num_emitted, points_per_axis, capacity);

@@ -8,9 +8,9 @@
 namespace gpurt::cuda {
 
 /// Samples that a unit may have: their film goes to the host at once.
-constexpr uint64_t most_photon_passes = 64;
+constexpr uint64_t most_photon_passes = 1024;
 
-/// Renders the units of `pass`: for each sample the photons of that pass are traced once, into as many maps as memory asks
+/// Renders the units of `pass`: for each sample the photons of its pass are traced once, into as many maps as memory asks
 /// for. Returns when all units are delivered or left out by cancellation. The device is current.
 void render_photons_on_device(const RenderPass &pass, const TraceScene &scene,
                               const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes);
