@@ -151,8 +151,8 @@ TEST(CudaPhotonImages, AreTheSameInLittleMemory)
 TEST(CudaPhotonImages, NameWhatIsTooLargeForTheMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  // Room for the frame, which takes the smaller half of it, and not for what passes work on.
-  const Device device = make_device(GPURT_DEVICE_CUDA, 0, uint64_t(2) << 20);
+  // Room for the frame, which takes some 800 KB, and not for what passes work on, were it a thousand photons at a time.
+  const Device device = make_device(GPURT_DEVICE_CUDA, 0, uint64_t(5) << 18);
   const Scene scene = make_scene(device, fill_cornell_box);
   const Pass o{64, 64, 1};
   const Frame frame = frame_of(scene, o);
@@ -195,6 +195,16 @@ TEST(CudaPhotonImages, RefuseSchedulesOfPathTracing)
   Job job;
   EXPECT_EQ(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()), GPURT_ERROR_UNSUPPORTED);
   EXPECT_NE(std::string(gpurt_last_error()).find("photon mapping"), std::string::npos) << gpurt_last_error();
+}
+
+// Tests of two devices: scripts/gpu expects them where there are two.
+TEST(CudaPair, SharesOutPassesOfPhotonMapping)
+{
+  if (num_cuda_devices() < 2) GTEST_SKIP() << "no two CUDA devices";
+  for (void (*fill)(gpurt_scene) : {fill_cornell_box, fill_everything}) {
+    compare_passes(make_device(GPURT_DEVICE_CUDA), make_cuda_devices({0, 1}), fill, picture(),
+                   GPURT_ACCEL_BVH);
+  }
 }
 
 TEST(PhotonImages, DoNotDependOnTheNumberOfThreads)

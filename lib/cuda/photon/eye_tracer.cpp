@@ -54,6 +54,9 @@ EyeTracer::EyeTracer(PassQueue &queue, uint32_t capacity)
   hits_ = a.hits;
   trace_scratch_ = a.trace_scratch;
   check(cudaMemsetAsync(wave_.numbers, 0, sizeof *wave_.numbers, queue.stream), "cudaMemsetAsync");
+  // What pads the states is read along with them.
+  check(cudaMemsetAsync(wave_.states, 0, uint64_t(capacity) * sizeof(PathState), queue.stream),
+        "cudaMemsetAsync");
 }
 
 const EyeNumbers &EyeTracer::read_numbers()
