@@ -99,17 +99,21 @@ float choose_initial_radius(const CommittedScene &scene, const PathSettings &pat
   const uint64_t k = uint64_t(std::min(wanted, 4096.0));
   const double scale = std::sqrt(photons_in_radius * ratio / double(k));
   const int threshold = normal_threshold(gather_min_cosine);
-  std::vector<float> radii, distances2;
+  std::vector<float> radii, nearest;  // squares of the k smallest distances, as a heap
   for (const PhotonPilot::Point &point : pilot.points) {
-    distances2.clear();
+    nearest.clear();
     for (const Photon &photon : pilot.photons) {
-      if (normal_dot(point.normal_code, photon.normal) > threshold)
-        distances2.push_back(length2(photon.position - point.position));
+      const float distance2 = length2(photon.position - point.position);
+      if (nearest.size() == k && !(distance2 < nearest.front())) continue;
+      if (normal_dot(point.normal_code, photon.normal) <= threshold) continue;
+      if (nearest.size() == k) {
+        std::pop_heap(nearest.begin(), nearest.end());
+        nearest.pop_back();
+      }
+      nearest.push_back(distance2);
+      std::push_heap(nearest.begin(), nearest.end());
     }
-    if (distances2.size() < k) continue;
-    const auto nth = distances2.begin() + std::ptrdiff_t(k - 1);
-    std::nth_element(distances2.begin(), nth, distances2.end());
-    radii.push_back(float(scale * std::sqrt(double(*nth))));
+    if (nearest.size() == k) radii.push_back(float(scale * std::sqrt(double(nearest.front()))));
   }
   if (radii.empty()) return largest * (pilot.photons.empty() ? 0x1p-7f : 0x1p-3f);
   const auto chosen = radii.begin() + std::ptrdiff_t(share_of_points * double(radii.size()));

@@ -37,15 +37,16 @@ EyeArrays lay_out(std::byte *base, uint64_t n)
 
 // A gather's kernels are kept between these: long enough to fill the device, short enough to be cancelled between them.
 constexpr double shortest_gather_seconds = 0.01, longest_gather_seconds = 0.04;
-constexpr uint32_t first_gather_slice = 1u << 15, smallest_gather_slice = 1u << 10;
+constexpr uint32_t largest_first_slice = 1u << 15, smallest_slice = 1u << 6;
+// Photons that the points of the first kernel look at, should all lie within their radius: some tens of milliseconds.
+constexpr uint64_t first_gather_photons = uint64_t(1) << 33;
 
 }  // namespace
 
 EyeTracer::EyeTracer(PassQueue &queue, uint32_t capacity)
     : queue_(queue),
       capacity_(capacity),
-      buffer_(queue.memory, lay_out(nullptr, capacity).bytes, "eye paths"),
-      gather_slice_(first_gather_slice)
+      buffer_(queue.memory, lay_out(nullptr, capacity).bytes, "eye paths")
 {
   const EyeArrays a = lay_out(buffer_.data(), capacity);
   wave_ = a.wave;
@@ -150,6 +151,10 @@ bool EyeTracer::measure_discs(uint32_t remedies, uint32_t n)
 bool EyeTracer::gather(const PhotonGrid &grid, PhotonSum *sums, uint32_t n)
 {
   if (grid.num_photons == 0) return true;
+  if (gather_slice_ == 0) {
+    gather_slice_ = uint32_t(std::clamp<uint64_t>(first_gather_photons / grid.num_photons, smallest_slice,
+                                                  largest_first_slice));
+  }
   Event begin, end;
   for (uint32_t first = 0; first < n;) {
     const uint32_t count = std::min(gather_slice_, n - first);
@@ -165,7 +170,7 @@ bool EyeTracer::gather(const PhotonGrid &grid, PhotonSum *sums, uint32_t n)
     if (seconds < shortest_gather_seconds) gather_slice_ = std::min(gather_slice_ * 2, 1u << 30);
     else if (seconds > longest_gather_seconds)
       gather_slice_ = std::max(gather_slice_ / std::bit_ceil(uint32_t(seconds / longest_gather_seconds) + 1),
-                               smallest_gather_slice);
+                               smallest_slice);
   }
   queue_.mark(PhotonLap::Gather);
   return true;

@@ -44,7 +44,7 @@ class EyeTracer {
   Hit *hits_ = nullptr;
   uint32_t *trace_scratch_ = nullptr;
   Counters counters_;
-  uint32_t gather_slice_;  // points of a launch
+  uint32_t gather_slice_ = 0;  // points of a launch; 0: not known yet
 };
 
 }  // namespace gpurt::cuda
