@@ -153,12 +153,9 @@ class CudaScene final : public CommittedScene, public StreamTracing {
  private:
   template <class DeviceAccel, class Trees, class... Options>
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
-            std::shared_ptr<const DeviceScene> copied, const AccelFacts &facts, std::optional<DeviceAccel> &accel, const Trees &trees,
-            Options... options)
-      : device_(std::move(device)),
-        compiled_(std::move(compiled)),
-        facts_(facts),
-        scene_(std::move(copied))
+            std::shared_ptr<const DeviceScene> copied, const AccelFacts &facts,
+            std::optional<DeviceAccel> &accel, const Trees &trees, Options... options)
+      : device_(std::move(device)), compiled_(std::move(compiled)), facts_(facts), scene_(std::move(copied))
   {
     const DeviceScope scope(device_->memory->ordinal());
     const LaneLease lane = device_->lanes.acquire();
@@ -369,8 +366,8 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
     trees.facts.build_seconds = seconds_since(start);
     DeviceKdSettings settings = kd_settings(options);
     if (settings.traversal_cost == 0) settings.traversal_cost = device_traversal_cost;
-    const auto committed = std::make_shared<CudaScene>(device_, scene, std::move(copied), trees,
-                                                       most_host_triangles, settings);
+    const auto committed =
+        std::make_shared<CudaScene>(device_, scene, std::move(copied), trees, most_host_triangles, settings);
     for (const DeviceKdTree &tree : committed->kd_trees()->built()) {
       if (!log_) break;
       log_(GPURT_LOG_INFO,

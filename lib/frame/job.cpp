@@ -16,7 +16,7 @@ constexpr uint32_t reyes_depth = 2;  // emission and direct light
 // A pass ends with a device that runs empty: the fastest ones get passes that are long beside that.
 constexpr uint64_t max_unit_samples = 1024;
 constexpr uint64_t max_unit_paths = 65536;
-constexpr double unit_seconds = 0.05;  // what a unit may take a worker, so that cancelling is quick
+constexpr double unit_seconds = 0.05;    // what a unit may take a worker, so that cancelling is quick
 constexpr double passes_seconds = 0.15;  // what passes of photon mapping may take together
 constexpr double progress_interval_seconds = 0.05;
 

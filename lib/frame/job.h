@@ -62,7 +62,7 @@ class Job {
   double start_seconds_ = 0;
   double seconds_per_path_ = 0;  // wall time, of the last pass, or of all for photons; 0: not measured yet
   double last_seconds_per_path_ = 0;  // of the last pass
-  double pass_seconds_ = 0;      // of all passes
+  double pass_seconds_ = 0;           // of all passes
 
   std::mutex progress_mutex_;  // serialises the caller's callback
   double last_report_seconds_ = 0;

@@ -65,9 +65,8 @@ PhotonPilot MultiScene::photon_pilot(const PathSettings &settings, const Emissio
                                      uint32_t num_photons, uint32_t points_per_axis) const
 {
   PhotonPilot pilot;
-  run_named(*members_, 0, [&] {
-    pilot = scenes_[0]->photon_pilot(settings, emission, num_photons, points_per_axis);
-  });
+  run_named(*members_, 0,
+            [&] { pilot = scenes_[0]->photon_pilot(settings, emission, num_photons, points_per_axis); });
   return pilot;
 }
 

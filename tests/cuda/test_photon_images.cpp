@@ -53,10 +53,7 @@ void render_passes(gpurt_frame frame, const Pass &o)
 }
 
 // Passes enough for a device that takes several at once; a size that is no multiple of tiles.
-Pass picture()
-{
-  return {uint32_t(amount(161, 45)), uint32_t(amount(123, 33)), uint32_t(amount(12, 4))};
-}
+Pass picture() { return {uint32_t(amount(161, 45)), uint32_t(amount(123, 33)), uint32_t(amount(12, 4))}; }
 
 void compare_passes(gpurt_device reference, gpurt_device tested, void (*fill)(gpurt_scene), const Pass &o,
                     gpurt_accel accel)

@@ -240,7 +240,8 @@ TEST(SeveralDevices, ShareOutPassesOfPhotonMapping)
     const auto &[unit, film] = b.units.at(u.x0);
     EXPECT_EQ(std::memcmp(&unit, &u, sizeof u), 0);
     const TileFilm &expected = a.units.at(u.x0).second;
-    EXPECT_EQ(std::memcmp(film.pixels.data(), expected.pixels.data(), film.pixels.size() * sizeof(PixelSums)), 0);
+    EXPECT_EQ(std::memcmp(film.pixels.data(), expected.pixels.data(), film.pixels.size() * sizeof(PixelSums)),
+              0);
     EXPECT_EQ(std::memcmp(film.first_hits.data(), expected.first_hits.data(),
                           film.first_hits.size() * sizeof(PixelFirstHit)),
               0);

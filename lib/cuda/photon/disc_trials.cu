@@ -7,8 +7,7 @@
 namespace gpurt::cuda {
 namespace {
 
-__global__ void __launch_bounds__(block_size)
-    begin_kernel(const __grid_constant__ EyeWave wave, uint32_t n)
+__global__ void __launch_bounds__(block_size) begin_kernel(const __grid_constant__ EyeWave wave, uint32_t n)
 {
   __shared__ uint32_t places[num_warps + 1];
   const uint64_t i = thread_item();
@@ -67,8 +66,7 @@ void launch_begin_disc_trials(const EyeWave &wave, uint32_t n, cudaStream_t stre
 void launch_end_disc_trials(const EyeWave &wave, int from, DiscTrials trials, uint32_t num_points,
                             cudaStream_t stream)
 {
-  launch("kernel that ends trials of discs", end_kernel, num_points, stream, wave, from, trials,
-         num_points);
+  launch("kernel that ends trials of discs", end_kernel, num_points, stream, wave, from, trials, num_points);
 }
 
 void launch_aim_disc_trials(const EyeWave &wave, int from, DiscTrials trials, uint32_t num_points,

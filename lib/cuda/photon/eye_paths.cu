@@ -68,13 +68,11 @@ __global__ void __launch_bounds__(block_size)
     triangle = hit.triangle;
     if (depth == 1 && (wave.film.features != nullptr || wave.film.first_hits != nullptr)) {
       const PathSample sample = eye_sample(wave, path);
-      EyeFeatures{wave.scene, wave.settings, wave.film}(sample.sample, sample.local, ray, hit,
-                                                        [](int64_t &sum, int64_t term) {
-                                                          // Sums of integers: any order gives the same bits.
-                                                          atomicAdd(
-                                                              reinterpret_cast<unsigned long long *>(&sum),
-                                                              static_cast<unsigned long long>(term));
-                                                        });
+      EyeFeatures{wave.scene, wave.settings, wave.film}(
+          sample.sample, sample.local, ray, hit, [](int64_t &sum, int64_t term) {
+            // Sums of integers: any order gives the same bits.
+            atomicAdd(reinterpret_cast<unsigned long long *>(&sum), static_cast<unsigned long long>(term));
+          });
     }
     PathState state = wave.states[path];
     EyeVertex{wave.scene, wave.settings, depth}.shade(ray, hit, state, wave.points[path], MadeRaysSink{made});

@@ -44,7 +44,7 @@ struct EyeWave {
   EyePixels pixels;
   const PhotonPass *passes;  // by slot, in device memory
   uint32_t first_slot;       // of the unit's first sample
-  FilmView film;  // its optional arrays, which the eye rays' features are added to
+  FilmView film;             // its optional arrays, which the eye rays' features are added to
   PathState *states;
   VisiblePoint *points;
   EyeQueue queues[2];

@@ -44,9 +44,7 @@ constexpr uint64_t first_gather_photons = uint64_t(1) << 33;
 }  // namespace
 
 EyeTracer::EyeTracer(PassQueue &queue, uint32_t capacity)
-    : queue_(queue),
-      capacity_(capacity),
-      buffer_(queue.memory, lay_out(nullptr, capacity).bytes, "eye paths")
+    : queue_(queue), capacity_(capacity), buffer_(queue.memory, lay_out(nullptr, capacity).bytes, "eye paths")
 {
   const EyeArrays a = lay_out(buffer_.data(), capacity);
   wave_ = a.wave;
@@ -152,8 +150,8 @@ bool EyeTracer::gather(const PhotonGrid &grid, PhotonSum *sums, uint32_t n)
 {
   if (grid.num_photons == 0) return true;
   if (gather_slice_ == 0) {
-    gather_slice_ = uint32_t(std::clamp<uint64_t>(first_gather_photons / grid.num_photons, smallest_slice,
-                                                  largest_first_slice));
+    gather_slice_ = uint32_t(
+        std::clamp<uint64_t>(first_gather_photons / grid.num_photons, smallest_slice, largest_first_slice));
   }
   Event begin, end;
   for (uint32_t first = 0; first < n;) {

@@ -15,8 +15,8 @@ __global__ void __launch_bounds__(block_size)
   if (i < n) {
     const uint32_t number = first + uint32_t(i), to = place + uint32_t(i);
     const uint32_t slot = number / flight.photons_per_pass, id = number - slot * flight.photons_per_pass;
-    const SampleKey key = photon_key(flight.seed, flight.frame_index, flight.passes[slot].index,
-                                     flight.photons_per_pass, id);
+    const SampleKey key =
+        photon_key(flight.seed, flight.frame_index, flight.passes[slot].index, flight.photons_per_pass, id);
     EmittedPhoton photon{};
     is_missing = !emit_photon(flight.scene, flight.emission, key, photon);
     if (is_missing) {
@@ -94,8 +94,7 @@ __global__ void __launch_bounds__(block_size)
     to.photons[next_place] = {photon.flux, photon.id, photon.key.seed, photon.key.reversed_index,
                               num_hits_and_slot};
     store_ray(to.rays + next_place, made.next);
-    to.left_out[next_place] =
-        flight.leaves_out ? leave_out(flight.scene, made.next, triangle) : invalid_id;
+    to.left_out[next_place] = flight.leaves_out ? leave_out(flight.scene, made.next, triangle) : invalid_id;
   }
 }
 

@@ -195,8 +195,8 @@ void launch_build_grid(const GridShape &shape, const PhotonSource &source, const
   size_t sort_bytes = layout.sort_bytes;
   check(cub::DeviceRadixSort::SortPairs(base + layout.sort, sort_bytes, words(layout.keys),
                                         words(layout.sorted_keys), words(layout.indices),
-                                        words(layout.sorted_indices), uint32_t(n), 0,
-                                        bits_of(table_size - 1), stream),
+                                        words(layout.sorted_indices), uint32_t(n), 0, bits_of(table_size - 1),
+                                        stream),
         "cub::DeviceRadixSort::SortPairs");
   check(cudaMemsetAsync(base + layout.num_gaps, 0, sizeof(uint32_t), stream), "cudaMemsetAsync");
   Gap *const gaps = reinterpret_cast<Gap *>(base + layout.gaps);

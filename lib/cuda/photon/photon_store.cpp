@@ -63,7 +63,8 @@ PhotonStore::PhotonStore(PassQueue &queue, uint32_t capacity, uint32_t most_slot
   const uint64_t wanted = steps_per_map * capacity, affordable = this->affordable();
   if (affordable < wanted) {
     fail(GPURT_ERROR_OUT_OF_MEMORY,
-         "a map of {} photons is more than half of the device memory that is left; raise memory_limit_bytes or "
+         "a map of {} photons is more than half of the device memory that is left; raise memory_limit_bytes "
+         "or "
          "make the scene or frame smaller",
          wanted);
   }

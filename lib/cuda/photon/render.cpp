@@ -178,9 +178,8 @@ struct SamplesRenderer {
       const uint32_t n = uint32_t(std::min<uint64_t>(eye.capacity(), paths.count - first));
       PhotonSum *sums = space.sums.data() + part.first_pixel * samples.count + first;
       const EyePixels pixels{{u.x0, u.y0, u.x1, u.y1, paths.first_sample, first}, 0};
-      if (maps.traces_paths &&
-          !(eye.trace_points(pass.settings, pixels, features, n) &&
-            eye.measure_discs(pass.photon->settings.remedies, n)))
+      if (maps.traces_paths && !(eye.trace_points(pass.settings, pixels, features, n) &&
+                                 eye.measure_discs(pass.photon->settings.remedies, n)))
         return false;
       if (!eye.gather(grid, sums, n)) return false;
       if (maps.is_last) eye.add_samples(sums, film, n);
@@ -201,7 +200,11 @@ class PassRenderer {
  public:
   PassRenderer(const RenderPass &pass, const TraceScene &scene, const std::shared_ptr<DeviceMemory> &memory,
                LanePool &lanes)
-      : pass_(pass), scene_(scene), memory_(memory), lanes_(lanes), lane_(lanes.acquire()),
+      : pass_(pass),
+        scene_(scene),
+        memory_(memory),
+        lanes_(lanes),
+        lane_(lanes.acquire()),
         emission_(pass.photon->emission, memory, lane_->stream())
   {}
 
@@ -222,8 +225,9 @@ class PassRenderer {
 
   PassQueue queue_on(Lane &lane) const
   {
-    return {scene_, memory_, lane.stream(),
-            static_cast<std::byte *>(lane.to_device.reserve(PassQueue::pinned_bytes)), pass_.cancelled, {}};
+    return {scene_,          memory_,
+            lane.stream(),   static_cast<std::byte *>(lane.to_device.reserve(PassQueue::pinned_bytes)),
+            pass_.cancelled, {}};
   }
 
   std::unique_ptr<Workspace> make_workspace(PassQueue &queue) const
@@ -342,7 +346,8 @@ class PassRenderer {
     RenderCounters counters;
     double seconds[uint32_t(PhotonLap::Count)] = {};
     for (size_t k; (k = work.next++) < work.samples.size();) {
-      if (stop || !SamplesRenderer{pass_, queue, emission_.view(), *space, work.batch, work.samples[k]}.run()) {
+      if (stop ||
+          !SamplesRenderer{pass_, queue, emission_.view(), *space, work.batch, work.samples[k]}.run()) {
         work.is_complete = false;
         return;
       }
@@ -461,12 +466,11 @@ PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionV
                                    const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes)
 {
   const LaneLease lane = lanes.acquire();
-  PassQueue queue{
-      scene, memory, lane->stream(), static_cast<std::byte *>(lane->to_device.reserve(PassQueue::pinned_bytes)),
-      nullptr, {}};
+  PassQueue queue{scene,          memory,
+                  lane->stream(), static_cast<std::byte *>(lane->to_device.reserve(PassQueue::pinned_bytes)),
+                  nullptr,        {}};
   const DeviceEmission on_device(emission, memory, lane->stream());
-  PhotonPass photon_pass =
-      make_photon_pass({num_photons, 1, PhotonKernel::Constant, 0}, emission, 0);
+  PhotonPass photon_pass = make_photon_pass({num_photons, 1, PhotonKernel::Constant, 0}, emission, 0);
   photon_pass.index = pilot_pass;
   const DeviceBuffer<PhotonPass> passes =
       upload(memory, std::span<const PhotonPass>(&photon_pass, 1), "a pass of photons", lane->stream());
