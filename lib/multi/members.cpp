@@ -51,6 +51,7 @@ void run_named(const Members &members, size_t member, const std::function<void()
 
 void run_side_by_side(size_t n, const std::function<void(size_t i)> &work)
 {
+  if (n == 0) return;
   std::vector<std::exception_ptr> errors(n);
   const auto run = [&](size_t i) {
     try {
