@@ -93,6 +93,36 @@ TEST(CudaDevice, RefusesAcceleratorsThatItHasNot)
   commit(scene);
 }
 
+// A probe of a kd-tree costs a few milliseconds and memory: not of small scenes, and not where there is little of it.
+TEST(CudaDevice, SaysWhyAutoTookATree)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const auto log_of = [](const Mesh &mesh, uint64_t limit_bytes) {
+    std::string text;
+    gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
+    desc.type = GPURT_DEVICE_CUDA;
+    desc.memory_limit_bytes = limit_bytes;
+    desc.log = [](void *user, gpurt_log_level, const char *message) {
+      *static_cast<std::string *>(user) += std::string(message) + "\n";
+    };
+    desc.log_user = &text;
+    Device device;
+    GPURT_EXPECT_OK(gpurt_device_create(&desc, device.out()));
+    Scene scene;
+    GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
+    add_mesh(scene, mesh);
+    commit(scene, GPURT_ACCEL_AUTO);
+    return text;
+  };
+  const auto says = [](const std::string &text, const char *words) {
+    EXPECT_NE(text.find(words), std::string::npos) << text;
+  };
+  says(log_of(icosphere(3), 0), "are probed for kd-trees");
+  const Mesh large = icosphere(7);  // 327680 triangles
+  says(log_of(large, 0), "of a bvh's time");
+  says(log_of(large, 300u << 20), "a quarter of the memory");
+}
+
 TEST(CudaDevice, ChoosesTheBvhUnlessAKdTreeIsAskedFor)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
