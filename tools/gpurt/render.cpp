@@ -204,7 +204,7 @@ void add_render_command(CLI::App &program)
   command
       ->add_option(
           "--pipeline", o->pipeline,
-          "auto (path), path, photon, reyes or hybrid; this version has path and, on CPUs, photon and reyes")
+          "auto (path), path, photon, reyes or hybrid; this version has path, photon and reyes")
       ->check(CLI::IsMember({"auto", "path", "photon", "reyes", "hybrid"}))
       ->type_name("NAME")
       ->capture_default_str();

@@ -126,7 +126,7 @@ c_enum! {
         Auto = GPURT_PIPELINE_AUTO,
         /// Path tracing.
         Path = GPURT_PIPELINE_PATH,
-        /// Photon mapping. This version of the library has it on CPU devices.
+        /// Photon mapping.
         Photon = GPURT_PIPELINE_PHOTON,
         /// Micropolygons. This version of the library has it on CPU devices.
         Reyes = GPURT_PIPELINE_REYES,
