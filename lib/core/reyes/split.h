@@ -31,7 +31,7 @@ struct Piece {
   uint32_t corner_u[4], corner_v[4];  // where the corners are: on vertices of the isolines
 };
 
-enum class PieceAction : uint32_t { Cull, Dice, SplitU, SplitV };
+enum class PieceAction : uint32_t { Cull, Dice, SplitU, SplitV, SplitBoth };
 
 // What decides how finely is cut.
 struct DiceSettings {
@@ -169,6 +169,21 @@ GPURT_HD inline void split_v(const Piece &p, Piece &low, Piece &high)
   high.corner_v[1] = low.corner_v[3];
 }
 
+// Cuts a piece as `action`, which is one of the splits, says. Returns the number of parts.
+GPURT_HD inline uint32_t split_piece(const Piece &p, PieceAction action, Piece (&parts)[4])
+{
+  if (action == PieceAction::SplitV) {
+    split_v(p, parts[0], parts[1]);
+    return 2;
+  }
+  split_u(p, parts[0], parts[1]);
+  if (action == PieceAction::SplitU) return 2;
+  Piece low = parts[0], high = parts[1];
+  split_v(low, parts[0], parts[1]);
+  split_v(high, parts[2], parts[3]);
+  return 4;
+}
+
 // Whether a piece can be seen in a rectangle: by its control points, and by corners that were moved out of its range.
 GPURT_HD inline bool can_be_seen(const RasterPatch &patch, const RasterPatch &part, const Piece &p,
                                  RasterPoint largest, const RasterRect &rect)
@@ -230,6 +245,8 @@ GPURT_HD inline PieceAction choose_action(Piece &p, bool is_in_front, float leng
   const bool wants_v = p.edge[2] == open_edge || p.edge[3] == open_edge || inner_v > max_segment_bits;
   const bool can_u = p.u_bits > smallest_piece_bits, can_v = p.v_bits > smallest_piece_bits;
   const bool longer_u = length_u >= length_v;
+  // Both at once leaves half as many levels. Through the eye plane the longer one alone: more can be culled.
+  if (is_in_front && wants_u && can_u && wants_v && can_v) return PieceAction::SplitBoth;
   if (wants_u && can_u && (longer_u || !(wants_v && can_v))) return PieceAction::SplitU;
   if (wants_v && can_v) return PieceAction::SplitV;
   p.grid_u = uint8_t(max(max(edge_segment_bits(p.edge[0], p.u_bits), edge_segment_bits(p.edge[1], p.u_bits)),

@@ -9,8 +9,8 @@ namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
 namespace {
 
-// Pieces wait in a stack: each cut of an axis leaves one of two behind.
-constexpr uint32_t stack_size = 2 * (parameter_bits - smallest_piece_bits) + 2;
+// Pieces wait in a stack: each cut of both axes leaves three of four behind.
+constexpr uint32_t stack_size = 3 * (parameter_bits - smallest_piece_bits) + 4;
 
 void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, uint32_t n, RasterBox *boxes)
 {
@@ -157,13 +157,10 @@ class PatchPipeline {
         dice(patch, piece);
         continue;
       }
-      // The lower half goes first.
-      Piece low, high;
-      if (action == PieceAction::SplitU) split_u(piece, low, high);
-      else split_v(piece, low, high);
-      stack[waiting++] = high;
-      stack[waiting++] = low;
-      counters_.num_splits++;
+      Piece parts[4];
+      const uint32_t num_parts = split_piece(piece, action, parts);
+      for (uint32_t i = 0; i < num_parts; ++i) stack[waiting++] = parts[i];
+      counters_.num_splits += num_parts - 1;
       counters_.largest_queue = max(counters_.largest_queue, uint64_t(waiting));
     }
   }

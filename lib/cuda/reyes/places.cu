@@ -28,50 +28,94 @@ __device__ uint16_t place_in_pixel(const SampleGrid &grid, RasterSample s)
   return uint16_t((uint32_t(s.x - grid.x0) & mask) | (uint32_t(s.y - grid.y0) & mask) << 8);
 }
 
+// Samples a pixel that a thread remembers between its two looks at them.
+constexpr uint32_t most_remembered = 16;
+
+// How many samples of a pixel lie in each of its cells, and then where the next one of each goes.
+struct CoarseCells {
+  uint32_t at[4] = {0, 0, 0, 0};
+
+  __device__ void count(uint32_t cell)
+  {
+    for (uint32_t j = 0; j < 4; ++j) at[j] += j > cell ? 1 : 0;
+  }
+  __device__ void finish() {}
+  __device__ uint32_t first(uint32_t cell) const { return at[cell]; }
+  __device__ uint32_t take(uint32_t cell)
+  {
+    uint32_t place = 0;
+    for (uint32_t j = 0; j < 4; ++j) {
+      if (j == cell) place = at[j]++;
+    }
+    return place;
+  }
+};
+
+// Sixteen bytes: a product with ones adds those before.
+struct FineCells {
+  uint64_t low = 0, high = 0;
+
+  __device__ void count(uint32_t cell)
+  {
+    if (cell < 8) low += uint64_t(1) << 8 * cell;
+    else high += uint64_t(1) << 8 * (cell - 8);
+  }
+  __device__ void finish()
+  {
+    constexpr uint64_t ones = 0x0101010101010101u;
+    const uint64_t below_low = low * ones, below_high = high * ones;
+    low = below_low - low;
+    high = below_high - high + (below_low >> 56) * ones;
+  }
+  __device__ uint32_t first(uint32_t cell) const
+  {
+    return uint32_t((cell < 8 ? low : high) >> 8 * (cell & 7) & 255);
+  }
+  __device__ uint32_t take(uint32_t cell)
+  {
+    const uint32_t place = first(cell);
+    count(cell);
+    return place;
+  }
+};
+
 // Pixel i of the group, in the order of paths.
+template <class Cells>
 __global__ void __launch_bounds__(block_size)
     place_by_pixels(const __grid_constant__ SamplePlaces p, const __grid_constant__ SampleGrid grid,
                     uint32_t num_pixels, uint32_t *first, uint16_t *at, uint32_t *slots)
 {
+  __shared__ uint16_t remembered[most_remembered][block_size];
   const uint32_t i = uint32_t(thread_item());
   if (i >= num_pixels) return;
   PathSample s = path_sample(p.unit, i);
-  const uint32_t num = uint32_t(p.num_samples), base = s.local * num;
-  uint32_t offset[4] = {0, 0, 0, 0};
-  const bool has_quarters = grid.cell_bits < unit_bits;
-  const auto quarter = [&](RasterSample r) {
-    return has_quarters ? uint32_t(r.x) >> grid.cell_bits & 1 | (uint32_t(r.y) >> grid.cell_bits & 1) << 1
-                        : 0;
+  const uint32_t num = uint32_t(p.num_samples), base = s.local * num, shift = uint32_t(cell_shift(grid));
+  const auto cell = [&](uint32_t place) {
+    return (place & 255) >> (unit_bits - shift) | place >> (2 * unit_bits - shift) << shift;
   };
+  Cells cells;
   for (uint32_t k = 0; k < num; ++k, ++s.sample) {
-    const uint32_t q = quarter(raster_sample(p, s));
-    for (uint32_t j = 0; j < 4; ++j) offset[j] += j > q ? 1 : 0;
+    const uint16_t place = place_in_pixel(grid, raster_sample(p, s));
+    if (k < most_remembered) remembered[k][threadIdx.x] = place;
+    cells.count(cell(place));
   }
-  if (has_quarters) {
-    for (uint32_t j = 0; j < 4; ++j) first[s.local * 4 + j] = base + offset[j];
-  } else {
-    first[s.local] = base;
-  }
-  if (s.local == num_pixels - 1) first[has_quarters ? num_pixels * 4 : num_pixels] = num_pixels * num;
+  cells.finish();
+  const uint32_t num_cells = 1u << 2 * shift;
+  for (uint32_t c = 0; c < num_cells; ++c) first[(s.local << 2 * shift) + c] = base + cells.first(c);
+  if (s.local == num_pixels - 1) first[num_pixels << 2 * shift] = num_pixels * num;
   s.sample -= num;
   for (uint32_t k = 0; k < num; ++k, ++s.sample) {
-    const RasterSample r = raster_sample(p, s);
-    const uint32_t q = quarter(r);
-    uint32_t slot = 0;
-    for (uint32_t j = 0; j < 4; ++j) {
-      if (j == q) slot = base + offset[j]++;
-    }
-    at[slot] = place_in_pixel(grid, r);
+    const uint16_t place =
+        k < most_remembered ? remembered[k][threadIdx.x] : place_in_pixel(grid, raster_sample(p, s));
+    const uint32_t slot = base + cells.take(cell(place));
+    at[slot] = place;
     slots[uint64_t(k) * num_pixels + i] = slot;
   }
 }
 
 __device__ uint32_t cell_of(const SampleGrid &grid, RasterSample s)
 {
-  const int32_t cx = (s.x - grid.x0) >> grid.cell_bits, cy = (s.y - grid.y0) >> grid.cell_bits;
-  if (grid.cell_bits == unit_bits) return uint32_t(cy) * uint32_t(grid.cells_x) + uint32_t(cx);
-  return (uint32_t(cy >> 1) * uint32_t(grid.cells_x >> 1) + uint32_t(cx >> 1)) * 4 + uint32_t(cx & 1) +
-         2 * uint32_t(cy & 1);
+  return cell_index(grid, (s.x - grid.x0) >> grid.cell_bits, (s.y - grid.y0) >> grid.cell_bits);
 }
 
 // Path k takes the next place of its cell.
@@ -106,8 +150,13 @@ void launch_place_samples(const SamplePlaces &places, const SampleGrid &grid, ui
 {
   if (counts == nullptr) {
     const uint32_t num_pixels = (places.unit.x1 - places.unit.x0) * (places.unit.y1 - places.unit.y0);
-    launch("REYES stage 'places'", place_by_pixels, num_pixels, stream, places, grid, num_pixels, first, at,
-           slots);
+    if (cell_shift(grid) == 2) {
+      launch("REYES stage 'places', fine cells", place_by_pixels<FineCells>, num_pixels, stream, places, grid,
+             num_pixels, first, at, slots);
+    } else {
+      launch("REYES stage 'places'", place_by_pixels<CoarseCells>, num_pixels, stream, places, grid,
+             num_pixels, first, at, slots);
+    }
     return;
   }
   const uint32_t num_cells = uint32_t(grid.cells_x) * uint32_t(grid.cells_y);

@@ -53,14 +53,65 @@ __device__ __forceinline__ float cover_tiny(const TinyTriangle &t, float x, floa
   return ea > t.threshold_a && eb > t.threshold_b && ec > t.threshold_c ? z : 0.0f;
 }
 
+// A lane's way through the samples of some cells, as SampleWalk's, with places from a micropolygon's first vertex.
+class TinyWalk {
+ public:
+  __device__ TinyWalk(const SampleGrid &g, const CellRange &cells, int32_t ax, int32_t ay, bool is_there)
+      : cells_(cells), ax_(ax), ay_(ay), pixel_((cells.x0 >> cell_shift(g)) - 1), y_(cells.y0)
+  {
+    if (!is_there) y_ = cells_.y1 + 1;
+    seek(g);
+  }
+  __device__ bool is_at_sample() const { return k_ < end_; }
+  __device__ uint32_t slot() const { return k_; }
+  __device__ void advance(const SampleGrid &g)
+  {
+    ++k_;
+    seek(g);
+  }
+  // A byte behind the bits of 2^23 is 2^23 more than its value, exactly, and so is the sum.
+  __device__ float x(uint32_t place) const { return __uint_as_float(0x4b000000u | (place & 255)) + base_x_; }
+  __device__ float y(uint32_t place) const { return __uint_as_float(0x4b000000u | place >> 8) + base_y_; }
+
+ private:
+  __device__ void seek(const SampleGrid &g)
+  {
+    while (k_ >= end_ && y_ <= cells_.y1) {
+      const int32_t s = cell_shift(g);
+      if (++pixel_ > cells_.x1 >> s) {
+        pixel_ = (cells_.x0 >> s) - 1;
+        ++y_;
+        continue;
+      }
+      const int32_t first = pixel_ << s;
+      const uint32_t row = cell_index(g, first, y_) - uint32_t(first);
+      k_ = g.first[row + uint32_t(max(cells_.x0, first))];
+      end_ = g.first[row + uint32_t(min(cells_.x1, first + (1 << s) - 1)) + 1];
+      base_x_ = float(g.x0 + (pixel_ << unit_bits) - ax_) - 0x1p23f;
+      base_y_ = float(g.y0 + (y_ >> s << unit_bits) - ay_) - 0x1p23f;
+    }
+  }
+
+  CellRange cells_;
+  int32_t ax_, ay_, pixel_, y_;
+  uint32_t k_ = 0, end_ = 0;
+  float base_x_ = 0.0f, base_y_ = 0.0f;
+};
+
+// Samples of a warp's grid that see it: where on it they lie is found out by all lanes together.
+struct SeenSamples {
+  uint32_t slot[64], quad[64];
+  float x[64], y[64];  // from the micropolygon's first vertex
+};
+
 // Where on the root a sample of a micropolygon lies: of its two triangles, if both are there equally near, the smaller.
-__device__ __noinline__ uint64_t spot_of(const WarpGrid &g, uint32_t quad, int32_t sample_x, int32_t sample_y,
-                                         float z)
+__device__ __forceinline__ uint64_t spot_of(const WarpGrid &g, uint32_t quad, float x, float y)
 {
   const uint32_t width = (1u << g.piece.grid_u) + 1, num_u = width - 1;
   const uint32_t a = (quad >> g.piece.grid_u) * width + (quad & (num_u - 1));
   const uint32_t at[4] = {a, a + 1, a + width + 1, a + width};
   const int32_t ox = g.x[a], oy = g.y[a];
+  float nearest = 0.0f;
   uint64_t spot = ~uint64_t(0);
   for (int i = 0; i < 2; ++i) {
     const uint32_t k[3] = {at[0], at[i + 1], at[i + 2]};
@@ -70,18 +121,36 @@ __device__ __noinline__ uint64_t spot_of(const WarpGrid &g, uint32_t quad, int32
       continue;
     }
     float share_b, share_c;
-    if (cover(t, float(sample_x - ox), float(sample_y - oy), share_b, share_c) != z) continue;
+    const float z = cover(t, x, y, share_b, share_c);
+    if (!(z > 0.0f && z >= nearest)) continue;
     const Vec2f corners[3] = {place_of_vertex(g, k[0]), place_of_vertex(g, k[1]), place_of_vertex(g, k[2])};
-    spot = min(spot, place_key(cover_uv(t, corners, z, share_b, share_c)));
+    const uint64_t key = place_key(cover_uv(t, corners, z, share_b, share_c));
+    spot = z > nearest ? key : min(spot, key);
+    nearest = z;
   }
   return spot;
+}
+
+// The last n of the samples that were seen, at most a warp's.
+__device__ __forceinline__ void put_spots(const ReyesBatch &b, const WarpGrid &g, const SeenSamples &seen,
+                                          uint32_t first, uint32_t n, uint32_t lane)
+{
+  __syncwarp();
+  if (lane < n) {
+    const uint32_t i = first + lane;
+    atomicMin(b.samples.spots + seen.slot[i],
+              static_cast<unsigned long long>(spot_of(g, seen.quad[i], seen.x[i], seen.y[i])));
+  }
+  __syncwarp();
 }
 
 template <bool finds_spots>
 __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_constant__ ReyesBatch b)
 {
   __shared__ WarpGrid grids[block_size / 32];
+  __shared__ SeenSamples seen_samples[finds_spots ? block_size / 32 : 1];
   WarpGrid &g = grids[threadIdx.x / 32];
+  SeenSamples &seen = seen_samples[finds_spots ? threadIdx.x / 32 : 0];
   const uint32_t lane = threadIdx.x % 32;
   const uint32_t num_leaves = b.numbers->num_leaves;
   uint32_t num_grids = 0, num_micropolygons = 0, num_fragments = 0;
@@ -97,6 +166,7 @@ __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_const
                    num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);
     ++num_grids;
     num_micropolygons += num_quads;
+    uint32_t num_seen = 0;
     for (uint32_t first = 0; first < num_quads; first += 32) {
       const uint32_t q = first + lane;
       const bool is_quad = q < num_quads;
@@ -121,30 +191,40 @@ __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_const
       // One without area covers nothing.
       if (!has_s) s.threshold_a = infinity;
       if (!has_t) t.threshold_a = infinity;
-      SampleWalk walk(b.samples, cells, is_there);
+      TinyWalk walk(b.samples, cells, ax, ay, is_there);
       while (__any_sync(all_lanes, walk.is_at_sample())) {
-        float z = 0.0f;
-        uint32_t place = 0;
+        float z = 0.0f, x = 0.0f, y = 0.0f;
         if (walk.is_at_sample()) {
-          place = b.samples.places[walk.slot()];
-          const float x = float(walk.x(b.samples, place) - ax), y = float(walk.y(b.samples, place) - ay);
+          const uint32_t place = b.samples.places[walk.slot()];
+          x = walk.x(place);
+          y = walk.y(place);
           const float zs = cover_tiny(s, x, y), zt = cover_tiny(t, x, y);
           z = zt > zs ? zt : zs;
         }
         if constexpr (finds_spots) {
-          uint64_t spot = 0;
           const bool takes = z > 0.0f && b.samples.keys[walk.slot()] == sample_key_of(z, root);
-          if (takes) spot = spot_of(g, q, walk.x(b.samples, place), walk.y(b.samples, place), z);
-          __syncwarp();
-          if (takes) atomicMin(b.samples.spots + walk.slot(), static_cast<unsigned long long>(spot));
+          const uint32_t takers = __ballot_sync(all_lanes, takes);
+          if (takes) {
+            const uint32_t i = num_seen + uint32_t(__popc(takers & ((1u << lane) - 1)));
+            seen.slot[i] = walk.slot();
+            seen.quad[i] = q;
+            seen.x[i] = x;
+            seen.y[i] = y;
+          }
+          num_seen += uint32_t(__popc(takers));
+          if (num_seen >= 32) {
+            num_seen -= 32;
+            put_spots(b, g, seen, num_seen, 32, lane);
+          }
         } else {
           num_fragments += z > 0.0f ? 1 : 0;
           __syncwarp();
           if (z > 0.0f) put<false>(b, walk.slot(), root, z, {});
         }
-        walk.advance(b.samples);
+        if (walk.is_at_sample()) walk.advance(b.samples);
       }
     }
+    if constexpr (finds_spots) put_spots(b, g, seen, 0, num_seen, lane);
     __syncwarp();
   }
   if (finds_spots) return;

@@ -26,12 +26,6 @@ __device__ __forceinline__ bool cells_of_box(const SampleGrid &g, int32_t x0, in
   return cells.x0 <= cells.x1 && cells.y0 <= cells.y1;
 }
 
-__device__ __forceinline__ uint32_t cell_index(const SampleGrid &g, int32_t x, int32_t y)
-{
-  if (g.cell_bits == unit_bits) return uint32_t(y * g.cells_x + x);
-  return uint32_t(((y >> 1) * (g.cells_x >> 1) + (x >> 1)) * 4 + (x & 1) + 2 * (y & 1));
-}
-
 __device__ __forceinline__ unsigned long long sample_key_of(float z, uint32_t root)
 {
   return static_cast<unsigned long long>(float_bits(z)) << 32 | uint32_t(~root);
@@ -65,7 +59,7 @@ __device__ __forceinline__ void put(const ReyesBatch &b, uint32_t slot, uint32_t
 class SampleWalk {
  public:
   __device__ SampleWalk(const SampleGrid &g, const CellRange &cells, bool is_there)
-      : cells_(cells), pixel_((cells.x0 >> shift(g)) - 1), y_(cells.y0), is_there_(is_there)
+      : cells_(cells), pixel_((cells.x0 >> cell_shift(g)) - 1), y_(cells.y0), is_there_(is_there)
   {
     seek(g);
   }
@@ -85,17 +79,14 @@ class SampleWalk {
   }
   __device__ int32_t y(const SampleGrid &g, uint32_t place) const
   {
-    return g.y0 + (y_ >> shift(g) << unit_bits) + int32_t(place >> 8);
+    return g.y0 + (y_ >> cell_shift(g) << unit_bits) + int32_t(place >> 8);
   }
 
  private:
-  // log2 of the cells that a pixel has along an axis: 0 or 1.
-  static __device__ int32_t shift(const SampleGrid &g) { return unit_bits - g.cell_bits; }
-
   __device__ void seek(const SampleGrid &g)
   {
     while (k_ == end_ && is_there_) {
-      const int32_t s = shift(g);
+      const int32_t s = cell_shift(g);
       if (++pixel_ > cells_.x1 >> s) {
         pixel_ = cells_.x0 >> s;
         if (++y_ > cells_.y1) {
@@ -106,7 +97,7 @@ class SampleWalk {
       const int32_t first = pixel_ << s;
       const uint32_t row = cell_index(g, first, y_) - uint32_t(first);
       k_ = g.first[row + uint32_t(max(cells_.x0, first))];
-      end_ = g.first[row + uint32_t(min(cells_.x1, first + s)) + 1];
+      end_ = g.first[row + uint32_t(min(cells_.x1, first + (1 << s) - 1)) + 1];
     }
   }
 

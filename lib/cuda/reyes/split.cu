@@ -2,7 +2,7 @@
 //
 // Pieces lie on a stack: a round takes the topmost ones, as many as there are threads, and what it cuts comes back on top.
 // So memory is bounded by the depth of cutting, not by the number of pieces: rounds take fewer where the stack fills up,
-// and one at a time always ends, since a piece leaves at most one other behind on each of its levels.
+// and one at a time always ends, since a piece leaves at most three others behind on each of its levels.
 // Source: the talk's queue whose output goes back to its input; here with one launch for all rounds.
 #include <cooperative_groups.h>
 
@@ -12,11 +12,13 @@
 namespace gpurt::cuda {
 namespace {
 
-constexpr unsigned split_threads = 128;
+constexpr unsigned split_threads = 256;
+// More of them make waiting for each other take longer.
+constexpr int most_blocks_per_multiprocessor = 2;
 // Lanes that share a piece: few pieces wait at a time on small images, where the time of one decides.
 constexpr uint32_t group_lanes = 4;
 // Places of the stack that rounds of more than one piece leave free: more than what the deepest piece needs on its way.
-constexpr uint32_t stack_reserve = 2 * (2 * (parameter_bits - smallest_piece_bits) + 2);
+constexpr uint32_t stack_reserve = 2 * (3 * (parameter_bits - smallest_piece_bits) + 4);
 
 __device__ uint32_t lane_id() { return threadIdx.x % 32; }
 
@@ -131,7 +133,9 @@ __global__ void __launch_bounds__(split_threads) split_pieces(const __grid_const
         num_culled += is_seen ? 0 : 1;
       }
     }
+    const bool is_both = is_split && action == PieceAction::SplitBoth;
     const uint32_t at = take_places(&numbers.pushed[round % 3], is_split, 2);
+    const uint32_t more_at = take_places(&numbers.pushed[round % 3], is_both, 2);
     const uint32_t leaf = take_places(&numbers.num_leaves, is_diced, 1);
     if (is_diced) b.leaves[leaf] = q;
     if (thread == 0) numbers.pushed[(round + 1) % 3] = 0;
@@ -140,12 +144,11 @@ __global__ void __launch_bounds__(split_threads) split_pieces(const __grid_const
     waiting -= from_stack;
     next_slot += from_slots;
     if (is_split) {
-      Piece low, high;
-      if (action == PieceAction::SplitU) split_u(q.piece, low, high);
-      else split_v(q.piece, low, high);
-      b.stack[waiting + at] = {high, q.slot};
-      b.stack[waiting + at + 1] = {low, q.slot};
-      ++num_splits;
+      Piece parts[4];
+      const uint32_t num_parts = split_piece(q.piece, action, parts);
+      for (uint32_t i = 0; i < num_parts; ++i)
+        b.stack[waiting + (i < 2 ? at + i : more_at + i - 2)] = {parts[i], q.slot};
+      num_splits += num_parts - 1;
     }
     waiting += *const_cast<volatile uint32_t *>(&numbers.pushed[round % 3]);
     num_leaves = *const_cast<volatile uint32_t *>(&numbers.num_leaves);
@@ -175,7 +178,7 @@ unsigned resident_blocks()
         "cudaDeviceGetAttribute");
   check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, split_pieces, int(split_threads), 0),
         "cudaOccupancyMaxActiveBlocksPerMultiprocessor");
-  return unsigned(num_multiprocessors) * unsigned(blocks > 0 ? blocks : 1);
+  return unsigned(num_multiprocessors) * unsigned(max(1, min(blocks, most_blocks_per_multiprocessor)));
 }
 
 }  // namespace

@@ -22,6 +22,16 @@ struct SampleGrid {
   uint32_t num_samples;
 };
 
+// log2 of the cells that a pixel has along an axis.
+GPURT_INLINE int32_t cell_shift(const SampleGrid &g) { return unit_bits - g.cell_bits; }
+
+GPURT_INLINE uint32_t cell_index(const SampleGrid &g, int32_t x, int32_t y)
+{
+  const int32_t s = cell_shift(g), mask = (1 << s) - 1;
+  const uint32_t pixel = uint32_t((y >> s) * (g.cells_x >> s) + (x >> s));
+  return pixel << 2 * s | uint32_t((y & mask) << s | (x & mask));
+}
+
 /// A piece of a patch that is to be cut, or diced.
 struct QueuedPiece {
   Piece piece;
@@ -76,6 +86,9 @@ struct ReyesBatch {
   uint32_t large_capacity;
   ReyesNumbers *numbers;
 };
+
+/// Samples a pixel that may lie in 4 x 4 cells: their numbers are bytes.
+constexpr uint64_t max_fine_samples = 255;
 
 /// What decides where samples lie, and which of the group they are.
 struct SamplePlaces {

@@ -7,10 +7,11 @@
 namespace gpurt::cuda {
 namespace {
 
-// Fewer samples a pixel lie in cells of a whole pixel, more in its quarters.
+// So that a cell has about a sample: a micropolygon looks at few of them, and at few cells.
 int32_t cell_bits_for(uint64_t samples_per_pixel)
 {
-  return samples_per_pixel >= 3 ? unit_bits - 1 : unit_bits;
+  if (samples_per_pixel < 3) return unit_bits;
+  return samples_per_pixel < 8 || samples_per_pixel > max_fine_samples ? unit_bits - 1 : unit_bits - 2;
 }
 
 }  // namespace
