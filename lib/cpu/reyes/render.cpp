@@ -118,6 +118,9 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
   uint64_t list_bytes = default_list_bytes;
   if (memory && memory->limit() != 0)
     list_bytes = std::min(list_bytes, (memory->limit() - std::min(memory->limit(), memory->used())) / 2);
+  bool has_found_light = scene.scene.environment.is_present != 0;
+  for (uint32_t i = 0; i < scene.scene.num_tree_lights; ++i)
+    has_found_light |= scene.scene.lights[i].type == LightType::Triangle;
   const auto is_cancelled = [&] {
     return pass.cancelled != nullptr && pass.cancelled->load(std::memory_order_relaxed);
   };
@@ -154,7 +157,8 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
                                          unit.first_sample,
                                          unit.num_samples,
                                          buckets.has_lists() ? roots.data() : nullptr,
-                                         buckets.has_lists() ? roots.size() : num_roots};
+                                         buckets.has_lists() ? roots.size() : num_roots,
+                                         has_found_light};
                 largest_bucket = std::max(largest_bucket, bucket.num_roots);
                 kernels.find_visible(scene, pass.settings, reyes, bucket, samples, steady_seconds, counters);
                 scratch.bucket_film.reset(x1 - x, y1 - y, pass.outputs);

@@ -253,7 +253,8 @@ class ReyesExecutor : public SerialExecutor {
  public:
   ReyesExecutor(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
                 const ReyesSettings &reyes, const ReyesMemory &memory, const PathUnit &unit,
-                const PathWave &wave, double (*seconds)(), ReyesKernelCounters &counters)
+                const PathWave &wave, bool has_found_light, double (*seconds)(),
+                ReyesKernelCounters &counters)
       : SerialExecutor(accel, seconds, counters.path),
         scene_(scene),
         settings_(settings),
@@ -261,6 +262,7 @@ class ReyesExecutor : public SerialExecutor {
         memory_(memory),
         unit_(unit),
         wave_(wave),
+        has_found_light_(has_found_light),
         num_shaded_(counters.num_shaded)
   {}
 
@@ -283,6 +285,12 @@ class ReyesExecutor : public SerialExecutor {
     }
     for (uint32_t i = 0; i < n; ++i) occluded[i] = 0;
     charge(PathStage::Shadow);
+  }
+
+  // The last rays of direct light look for lamps and the environment alone.
+  uint32_t compact_rays(const RayQueue &from, uint32_t n, const RayQueue &to)
+  {
+    return has_found_light_ ? SerialExecutor::compact_rays(from, n, to) : 0;
   }
 
  private:
@@ -311,6 +319,7 @@ class ReyesExecutor : public SerialExecutor {
   const ReyesMemory &memory_;
   const PathUnit &unit_;
   const PathWave &wave_;
+  const bool has_found_light_;
   uint64_t &num_shaded_;
 };
 
@@ -323,7 +332,8 @@ void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &s
   for (uint64_t first = 0; first < num_paths; first += wave_capacity) {
     const PathUnit unit{bucket.x0, bucket.y0, bucket.x1, bucket.y1, bucket.first_sample, first};
     const uint32_t n = uint32_t(min(uint64_t(wave_capacity), num_paths - first));
-    ReyesExecutor executor(accel, scene, settings, reyes, memory, unit, wave, seconds, counters);
+    ReyesExecutor executor(accel, scene, settings, reyes, memory, unit, wave, bucket.has_found_light, seconds,
+                           counters);
     trace_paths(executor, scene.scene, settings, unit, wave, film, n);
     for (uint32_t i = 0; i < n; ++i) {
       const float largest = max_component(wave.paths[i].radiance);

@@ -18,6 +18,7 @@ struct ReyesBucket {
   uint64_t first_sample, num_samples;
   const uint32_t *roots;  // what may be seen there, in ascending order; null: all roots of the scene
   uint64_t num_roots;
+  bool has_found_light;  // lamps or an environment: light that rays from surfaces may meet
 };
 
 // One thread's memory for the samples of a bucket.
