@@ -249,6 +249,20 @@ def test_pipelines_that_do_not_exist_yet(box):
             box.render(pipeline, width=8, height=8, spp=1)
 
 
+def test_reyes(box):
+    frame = gpurt.Frame(box, width=16, height=16)
+    frame.submit("reyes", spp=4, reyes={"filter": "mitchell", "shadows": False}).wait()
+    statistics = frame.statistics
+    assert statistics.pipeline == "reyes"
+    assert statistics.reyes == {"shading_rate": 0.25, "filter": "mitchell", "shading": "samples", "shadows": False}
+    assert statistics.reyes_counters["num_triangles"] > 0
+    assert statistics.photon == {}
+    with pytest.raises(gpurt.InvalidArgument, match="filter"):
+        frame.submit("reyes", spp=8, reyes={"filter": "gaussian"})
+    with pytest.raises(gpurt.InvalidArgument, match="'rate' is none of 'shading_rate'"):
+        frame.submit("reyes", reyes={"rate": 1})
+
+
 def test_photon_mapping(box):
     photon = {"photons_per_pass": 4096, "initial_radius": 0.1, "kernel": "cone", "remedies": ("normal", "side")}
     frame = gpurt.Frame(box, width=16, height=16)

@@ -46,7 +46,8 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
                             double time_limit, uint32_t max_depth, uint32_t tile_size,
                             const py::object &tiles, const py::object &progress,
                             const std::array<uint64_t, 7> &schedule,
-                            const std::tuple<uint32_t, float, int, uint32_t> &photon)
+                            const std::tuple<uint32_t, float, int, uint32_t> &photon,
+                            const std::tuple<float, int, int, uint32_t> &reyes)
 {
   auto job = std::make_unique<Job>(CallbackId(progress));
   gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
@@ -66,6 +67,10 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
   int kernel = 0;
   std::tie(desc.photon.photons_per_pass, desc.photon.initial_radius, kernel, desc.photon.remedies) = photon;
   desc.photon.kernel = static_cast<gpurt_photon_kernel>(kernel);
+  int filter = 0, shading = 0;
+  std::tie(desc.reyes.shading_rate, filter, shading, desc.reyes.no_shadows) = reyes;
+  desc.reyes.filter = static_cast<gpurt_reyes_filter>(filter);
+  desc.reyes.shading = static_cast<gpurt_reyes_shading>(shading);
   if (job->progress.is_set()) {
     desc.progress = forward_progress;
     desc.progress_user = job->progress.user();
@@ -113,6 +118,7 @@ py::dict get_statistics(const Frame &frame)
   const gpurt_schedule_counters &counters = s.schedule_counters;
   const gpurt_photon_settings &photon = s.photon;
   const gpurt_photon_counters &photons = s.photon_counters;
+  const gpurt_reyes_counters &reyes = s.reyes_counters;
   return py::dict(
       "pipeline"_a = static_cast<int>(s.pipeline), "accel"_a = static_cast<int>(s.accel),
       "triangle_test"_a = static_cast<int>(s.triangle_test), "max_depth"_a = s.max_depth,
@@ -147,7 +153,19 @@ py::dict get_statistics(const Frame &frame)
           "num_stored"_a = photons.num_stored, "num_gathered"_a = photons.num_gathered,
           "num_visible"_a = photons.num_visible, "num_sub_passes"_a = photons.num_sub_passes,
           "trace_seconds"_a = photons.trace_seconds, "build_seconds"_a = photons.build_seconds,
-          "gather_seconds"_a = photons.gather_seconds, "smallest_radius"_a = photons.smallest_radius));
+          "gather_seconds"_a = photons.gather_seconds, "smallest_radius"_a = photons.smallest_radius),
+      "reyes"_a =
+          py::dict("shading_rate"_a = s.reyes.shading_rate, "filter"_a = static_cast<int>(s.reyes.filter),
+                   "shading"_a = static_cast<int>(s.reyes.shading), "shadows"_a = s.reyes.no_shadows == 0),
+      "reyes_counters"_a =
+          py::dict("num_patches"_a = reyes.num_patches, "num_triangles"_a = reyes.num_triangles,
+                   "num_splits"_a = reyes.num_splits, "num_culled"_a = reyes.num_culled,
+                   "num_grids"_a = reyes.num_grids, "num_micropolygons"_a = reyes.num_micropolygons,
+                   "num_fragments"_a = reyes.num_fragments, "num_shaded"_a = reyes.num_shaded,
+                   "largest_queue"_a = reyes.largest_queue, "largest_bucket"_a = reyes.largest_bucket,
+                   "working_bytes"_a = reyes.working_bytes, "bound_seconds"_a = reyes.bound_seconds,
+                   "split_seconds"_a = reyes.split_seconds, "dice_seconds"_a = reyes.dice_seconds,
+                   "sample_seconds"_a = reyes.sample_seconds));
 }
 
 // True when the job has ended well, False when it still runs; its failure is raised.
@@ -213,7 +231,7 @@ void bind_frame(py::module_ &module)
            py::arg("outputs"), py::arg("frame_index"), py::arg("seed"), py::arg("first_sample"))
       .def("submit", submit, py::arg("pipeline"), py::arg("samples_per_pixel"), py::arg("target_error"),
            py::arg("time_limit"), py::arg("max_depth"), py::arg("tile_size"), py::arg("tiles"),
-           py::arg("progress"), py::arg("schedule"), py::arg("photon"))
+           py::arg("progress"), py::arg("schedule"), py::arg("photon"), py::arg("reyes"))
       .def("read", read, py::arg("output"), py::arg("data"))
       .def("save", save, py::arg("path"))
       .def("merge", merge, py::arg("other"))

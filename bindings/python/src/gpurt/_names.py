@@ -52,4 +52,6 @@ SCHEDULE = {
 }
 PHOTON_KERNEL = Names("kernel", "auto", "constant", "cone")
 PHOTON_REMEDY = Names("remedies", "normal", "plane", "side", "boundary")
+REYES_FILTER = Names("filter", "auto", "box", "gaussian", "mitchell")
+REYES_SHADING = Names("shading", "auto", "samples", "micropolygons", "blocks")
 PIPELINE = Names("pipeline", "auto", "path", "photon", "reyes", "hybrid")

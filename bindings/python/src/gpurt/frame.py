@@ -13,7 +13,8 @@ import numpy as np
 from gpurt import _core
 from gpurt._arrays import Array, PathLike, as_array, shape_text, to_count, to_number, to_path, to_uint32
 from gpurt._callbacks import Callback, check_callable
-from gpurt._names import ACCEL, OUTPUT, PHOTON_KERNEL, PHOTON_REMEDY, PIPELINE, SCHEDULE, TRIANGLE_TEST
+from gpurt._names import (ACCEL, OUTPUT, PHOTON_KERNEL, PHOTON_REMEDY, PIPELINE, REYES_FILTER, REYES_SHADING, SCHEDULE,
+                          TRIANGLE_TEST)
 from gpurt.device import refuse_pickling
 from gpurt.errors import Cancelled, Error, InvalidArgument, Timeout
 
@@ -69,6 +70,8 @@ class Statistics:
     schedule_counters: Dict[str, int]  #: what schedules did
     photon: Dict[str, Any]  #: settings of photon mapping, resolved, as submit() takes them; empty for other pipelines
     photon_counters: Dict[str, float]  #: what photon mapping did
+    reyes: Dict[str, Any]  #: settings of REYES, resolved, as submit() takes them; empty for other pipelines
+    reyes_counters: Dict[str, float]  #: what REYES did
 
 
 def _schedule_values(schedule: Optional[Mapping[str, Any]]) -> List[int]:
@@ -111,6 +114,25 @@ def _photon_names(values: Mapping[str, Any]) -> Dict[str, Any]:
     return {**values, "kernel": PHOTON_KERNEL.name(values["kernel"]), "remedies": remedies}
 
 
+def _reyes_values(reyes: Optional[Mapping[str, Any]]) -> Tuple[float, int, int, int]:
+    """shading_rate, filter, shading and no_shadows of gpurt_reyes_settings."""
+    given = dict(reyes or {})
+    rate = to_number(given.pop("shading_rate", 0), "shading_rate")
+    pixel_filter = REYES_FILTER.value(given.pop("filter", "auto"))
+    shading = REYES_SHADING.value(given.pop("shading", "auto"))
+    shadows = given.pop("shadows", True)
+    if given:
+        raise InvalidArgument(f"reyes: {next(iter(given))!r} is none of 'shading_rate', 'filter', 'shading', 'shadows'")
+    return rate, pixel_filter, shading, 0 if shadows else 1
+
+
+def _reyes_names(values: Mapping[str, Any]) -> Dict[str, Any]:
+    """What submit() takes, from gpurt_reyes_settings."""
+    if not values["shading_rate"]:
+        return {}
+    return {**values, "filter": REYES_FILTER.name(values["filter"]), "shading": REYES_SHADING.name(values["shading"])}
+
+
 class Frame:
     """The film of a committed scene: renders add samples to it, in any number of jobs.
 
@@ -148,7 +170,8 @@ class Frame:
                tile_size: int = 0, tiles: Any = None,
                progress: Optional[Callable[[float, float], Any]] = None,
                schedule: Optional[Mapping[str, Any]] = None,
-               photon: Optional[Mapping[str, Any]] = None) -> "Job":
+               photon: Optional[Mapping[str, Any]] = None,
+               reyes: Optional[Mapping[str, Any]] = None) -> "Job":
         """Starts rendering and returns at once.
 
         :param pipeline: "auto", "path", "photon", "reyes" or "hybrid".
@@ -167,6 +190,9 @@ class Frame:
         :param photon: settings of the pipeline "photon", by name: photons_per_pass, initial_radius (metres), kernel
             ("constant", "cone"), remedies (any of "normal", "plane", "side", "boundary"; () for none). What is left
             out is the library's choice, or what the frame's samples were made with.
+        :param reyes: settings of the pipeline "reyes", by name: shading_rate (the area of a micropolygon in pixels),
+            filter ("box", "gaussian", "mitchell"), shading ("samples"), shadows (False: nothing stands between a
+            surface and a light). As for photon.
 
         Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,
         and the image has the same bits as if it had run at once. Jobs of one frame run one after another. A job
@@ -186,7 +212,7 @@ class Frame:
             job = self._core.submit(PIPELINE.value(pipeline), to_count(spp, "spp"), to_number(error, "error"),
                                     to_number(time, "time"), to_count(max_depth, "max_depth"),
                                     to_count(tile_size, "tile_size"), rectangles, callback,
-                                    _schedule_values(schedule), _photon_values(photon))
+                                    _schedule_values(schedule), _photon_values(photon), _reyes_values(reyes))
         return Job(self, job, callback)
 
     def read(self, output: str = "color") -> Array:
@@ -216,7 +242,8 @@ class Frame:
                              "triangle_test": TRIANGLE_TEST.name(values["triangle_test"]),
                              "schedule": {field: SCHEDULE[field].name(value) if field in SCHEDULE else value
                                           for field, value in values["schedule"].items()},
-                             "photon": _photon_names(values["photon"])})
+                             "photon": _photon_names(values["photon"]),
+                             "reyes": _reyes_names(values["reyes"])})
 
     def save(self, path: PathLike) -> None:
         """Writes the frame to a file, by its extension.

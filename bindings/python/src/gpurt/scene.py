@@ -458,7 +458,8 @@ class Scene:
                time: float = 0, seed: int = 0, camera: int = 0, outputs: Sequence[str] = ("color",),
                max_depth: int = 0, tile_size: int = 0, frame_index: int = 0, first_sample: int = 0,
                progress: Optional[Callable[[float, float], Any]] = None,
-               photon: Optional[Mapping[str, Any]] = None) -> Image:
+               photon: Optional[Mapping[str, Any]] = None,
+               reyes: Optional[Mapping[str, Any]] = None) -> Image:
         """Renders a picture and waits for it.
 
         Parameters as for gpurt.Frame and Frame.submit. Ctrl-C, and an exception of progress, cancel the rendering.
@@ -467,7 +468,7 @@ class Scene:
         frame = Frame(self, width=width, height=height, camera=camera, outputs=outputs, seed=seed,
                       frame_index=frame_index, first_sample=first_sample)
         with frame.submit(pipeline, spp=spp, error=error, time=time, max_depth=max_depth, tile_size=tile_size,
-                          progress=progress, photon=photon) as job:
+                          progress=progress, photon=photon, reyes=reyes) as job:
             job.wait()
         return frame.image()
 

@@ -128,10 +128,64 @@ c_enum! {
         Path = GPURT_PIPELINE_PATH,
         /// Photon mapping.
         Photon = GPURT_PIPELINE_PHOTON,
-        /// Micropolygons. This version of the library has it on CPU devices.
+        /// Micropolygons, with a depth of at most 2 in this version of the library.
         Reyes = GPURT_PIPELINE_REYES,
         /// Micropolygons and rays. This version of the library does not support it.
         Hybrid = GPURT_PIPELINE_HYBRID,
+    }
+}
+
+c_enum! {
+    /// What photons within the radius count.
+    PhotonKernel {
+        /// `Constant`.
+        Auto = GPURT_PHOTON_KERNEL_AUTO,
+        /// All alike.
+        Constant = GPURT_PHOTON_KERNEL_CONSTANT,
+        /// Falls linearly to 0 at the radius: sharper, noisier.
+        Cone = GPURT_PHOTON_KERNEL_CONE,
+    }
+}
+
+c_enum! {
+    /// What photon mapping does about photons of other surfaces, and about surfaces that end.
+    PhotonRemedy {
+        /// Leave out photons on surfaces that are turned away: corners.
+        Normal = GPURT_PHOTON_REMEDY_NORMAL,
+        /// Leave out photons off the plane of the visible point: steps, thin walls.
+        Plane = GPURT_PHOTON_REMEDY_PLANE,
+        /// Leave out photons that came to the other side: leaks.
+        Side = GPURT_PHOTON_REMEDY_SIDE,
+        /// Divide by the part of the disc that lies on a surface: dark rims. Costs rays.
+        Boundary = GPURT_PHOTON_REMEDY_BOUNDARY,
+    }
+}
+
+c_enum! {
+    /// How samples of REYES become pixels.
+    ReyesFilter {
+        /// `Box`.
+        Auto = GPURT_REYES_FILTER_AUTO,
+        /// The mean over the pixel's square.
+        Box = GPURT_REYES_FILTER_BOX,
+        /// Radius 1.5 pixels.
+        Gaussian = GPURT_REYES_FILTER_GAUSSIAN,
+        /// Mitchell and Netravali 1988, B = C = 1/3: sharper, may overshoot.
+        Mitchell = GPURT_REYES_FILTER_MITCHELL,
+    }
+}
+
+c_enum! {
+    /// Where REYES computes light: after visibility in every case.
+    ReyesShading {
+        /// `Samples`.
+        Auto = GPURT_REYES_SHADING_AUTO,
+        /// At every sample.
+        Samples = GPURT_REYES_SHADING_SAMPLES,
+        /// Once for each micropolygon that is seen. This version of the library does not support it.
+        Micropolygons = GPURT_REYES_SHADING_MICROPOLYGONS,
+        /// Once for each 2 x 2 of them. This version of the library does not support it.
+        Blocks = GPURT_REYES_SHADING_BLOCKS,
     }
 }
 

@@ -7,8 +7,8 @@ use std::ptr;
 use crate::callback::{call, Callbacks};
 use crate::macros::{c_path, text};
 use crate::{
-    sys, Accel, BuildDesc, CameraId, Error, Job, Output, Pipeline, RenderDesc, Result, Scene, Schedule,
-    ScheduleCounters, Tile, TriangleTest,
+    sys, Accel, BuildDesc, CameraId, Error, Job, Output, PhotonCounters, PhotonSettings, Pipeline, RenderDesc,
+    Result, ReyesCounters, ReyesSettings, Scene, Schedule, ScheduleCounters, Tile, TriangleTest,
 };
 
 handle! {
@@ -265,6 +265,14 @@ filled_struct! {
             schedule: Schedule = Schedule::from_raw(&raw.schedule)?,
             /// What schedules did.
             schedule_counters: ScheduleCounters = ScheduleCounters::from_raw(&raw.schedule_counters)?,
+            /// Settings of photon mapping, resolved; `None` for other pipelines.
+            photon: Option<PhotonSettings> = PhotonSettings::from_raw(&raw.photon)?,
+            /// What photon mapping did.
+            photon_counters: PhotonCounters = PhotonCounters::from_raw(&raw.photon_counters)?,
+            /// Settings of REYES, resolved; `None` for other pipelines.
+            reyes: Option<ReyesSettings> = ReyesSettings::from_raw(&raw.reyes)?,
+            /// What REYES did.
+            reyes_counters: ReyesCounters = ReyesCounters::from_raw(&raw.reyes_counters)?,
         }
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::callback::{self, call, Closure, ProgressFn, Registration};
-use crate::{sys, Error, Frame, Pipeline, Result, Schedule};
+use crate::{sys, Error, Frame, PhotonSettings, Pipeline, Result, ReyesSettings, Schedule};
 
 handle! {
     /// A render in the background. Dropping the last owner of one that still runs cancels it.
@@ -45,6 +45,8 @@ pub struct RenderDesc {
     tile_size: u32,
     progress: Option<ProgressFn>,
     schedule: Schedule,
+    photon: PhotonSettings,
+    reyes: ReyesSettings,
 }
 
 impl RenderDesc {
@@ -59,6 +61,8 @@ impl RenderDesc {
             tile_size: 0,
             progress: None,
             schedule: Schedule::default(),
+            photon: PhotonSettings::default(),
+            reyes: ReyesSettings::default(),
         }
     }
 
@@ -104,6 +108,18 @@ impl RenderDesc {
         self
     }
 
+    /// Settings of [`Pipeline::Photon`].
+    pub fn photon(mut self, settings: PhotonSettings) -> Self {
+        self.photon = settings;
+        self
+    }
+
+    /// Settings of [`Pipeline::Reyes`].
+    pub fn reyes(mut self, settings: ReyesSettings) -> Self {
+        self.reyes = settings;
+        self
+    }
+
     /// Hears now and then how many of how many samples are done, from one thread at a time.
     ///
     /// The closure cannot call gpurt: fallible functions return an error there. If it panics, it is not
@@ -131,6 +147,8 @@ impl fmt::Debug for RenderDesc {
             .field("tile_size", &self.tile_size)
             .field("progress", &self.progress.is_some())
             .field("schedule", &self.schedule)
+            .field("photon", &self.photon)
+            .field("reyes", &self.reyes)
             .finish()
     }
 }
@@ -146,6 +164,8 @@ impl Job {
             max_depth: render.max_depth,
             tile_size: render.tile_size,
             schedule: render.schedule.raw(),
+            photon: render.photon.raw(),
+            reyes: render.reyes.raw(),
             ..Default::default()
         };
         let mut callbacks = frame.callbacks().clone();

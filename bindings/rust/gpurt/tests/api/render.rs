@@ -4,7 +4,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use gpurt::{
-    Accel, Error, Frame, FrameDesc, Job, Output, Pipeline, RenderDesc, Schedule, StateInfo, Tile, Traversal,
+    Accel, Error, Frame, FrameDesc, Job, Output, PhotonRemedy, PhotonSettings, Pipeline, RenderDesc,
+    ReyesFilter, ReyesSettings, Schedule, StateInfo, Tile, Traversal,
 };
 
 use crate::room;
@@ -43,6 +44,48 @@ fn statistics_tell_what_was_done() {
     assert!(matches!(statistics.accel, Accel::Embree | Accel::Kdtree | Accel::Bvh));
     assert!(!statistics.reason.is_empty());
     assert_eq!(statistics.schedule_counters.wave_splits, 0);
+}
+
+#[test]
+fn settings_of_photon_mapping_are_taken_and_resolved() {
+    let scene = room::create(&room::cpu());
+    let frame = Frame::new(&scene, &FrameDesc::new(8, 8)).unwrap();
+    let photon = PhotonSettings {
+        photons_per_pass: 5000,
+        initial_radius: 0.125,
+        remedies: Some(vec![PhotonRemedy::Normal, PhotonRemedy::Side]),
+        ..Default::default()
+    };
+    let render = RenderDesc::new().pipeline(Pipeline::Photon).photon(photon).samples(2);
+    frame.render(&render).unwrap();
+    let statistics = frame.statistics().unwrap();
+    let resolved = statistics.photon.unwrap();
+    assert_eq!((resolved.photons_per_pass, resolved.initial_radius), (5000, 0.125));
+    assert_eq!(resolved.kernel, gpurt::PhotonKernel::Constant);
+    assert_eq!(resolved.remedies, Some(vec![PhotonRemedy::Normal, PhotonRemedy::Side]));
+    assert_eq!(statistics.photon_counters.num_emitted, 10_000);
+    assert!(statistics.photon_counters.num_gathered > 0);
+    assert_eq!(statistics.reyes, None);
+
+    let bare = Frame::new(&scene, &FrameDesc::new(8, 8)).unwrap();
+    let none = PhotonSettings { photons_per_pass: 5000, remedies: Some(vec![]), ..Default::default() };
+    bare.render(&RenderDesc::new().pipeline(Pipeline::Photon).photon(none.clone()).samples(1)).unwrap();
+    assert_eq!(bare.statistics().unwrap().photon.unwrap().remedies, Some(vec![]));
+    let error = bare.render(&RenderDesc::new().photon(none)).unwrap_err();
+    assert!(matches!(&error, Error::InvalidArgument(text) if text.contains("photon")), "{}", error);
+}
+
+#[test]
+fn settings_of_reyes_are_taken_and_resolved() {
+    let frame = Frame::new(&room::create(&room::cpu()), &FrameDesc::new(8, 8)).unwrap();
+    let reyes = ReyesSettings { filter: ReyesFilter::Gaussian, no_shadows: true, ..Default::default() };
+    frame.render(&RenderDesc::new().pipeline(Pipeline::Reyes).reyes(reyes).samples(4)).unwrap();
+    let statistics = frame.statistics().unwrap();
+    let resolved = statistics.reyes.unwrap();
+    assert_eq!((resolved.shading_rate, resolved.filter), (0.25, ReyesFilter::Gaussian));
+    assert!(resolved.no_shadows && resolved.shading == gpurt::ReyesShading::Samples);
+    assert!(statistics.reyes_counters.num_triangles > 0);
+    assert_eq!((statistics.reyes_counters.num_patches, statistics.photon), (0, None));
 }
 
 #[test]
