@@ -93,9 +93,11 @@ std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build
     plan.options.previous = last->committed;
   const double compiled_at = steady_seconds();
   commit->committed = device.backend->commit(commit->compiled, plan.options);
-  if (const AccelFacts &facts = commit->committed->accel_facts(); !facts.reason.empty())
+  // What the device chose by itself is news; what the plan says is in the statistics.
+  if (const AccelFacts &facts = commit->committed->accel_facts(); !facts.reason.empty()) {
     commit->accel_reason = fmt::format("accel {}: {}", accel_name(facts.accel), facts.reason);
-  (*device.log)(GPURT_LOG_INFO, commit->accel_reason);
+    (*device.log)(GPURT_LOG_INFO, commit->accel_reason);
+  }
   commit->backend_seconds = steady_seconds() - compiled_at;
   commit->build_seconds = steady_seconds() - start;
   return commit;
