@@ -3,7 +3,7 @@
 import json
 import sys
 
-print(f"{'picture':<32}{'pixels':>10} {'samples':>8} {'triangles':>10} {'time':>8} {'rays/s':>9} {'relMSE':>9}  on")
+print(f"{'picture':<32}{'by':<8}{'pixels':>10} {'samples':>8} {'triangles':>10} {'time':>8} {'rays/s':>9} {'relMSE':>9}  on")
 for path in sys.argv[1:]:
     with open(path + ".json", encoding="utf-8") as file:
         done = json.load(file)
@@ -11,7 +11,7 @@ for path in sys.argv[1:]:
     rays = s["num_camera_rays"] + s["num_bounce_rays"] + s["num_shadow_rays"]
     error = "unknown" if s["estimated_error"] is None else f"{s['estimated_error']:.2g}"
     print(
-        f"{path + '.png, .exr':<32}{s['width']:>5} x {s['height']} {s['samples_per_pixel']:>8} "
+        f"{path + '.png, .exr':<32}{s['pipeline']:<8}{s['width']:>5} x {s['height']} {s['samples_per_pixel']:>8} "
         f"{done['facts']['world_triangles']:>10} {s['render_seconds']:>6.1f} s "
         f"{rays / s['render_seconds'] / 1e6:>7.2f} M {error:>9}  {s['accel']}, {done['device']['name']}"
     )
