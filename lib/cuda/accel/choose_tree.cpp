@@ -59,7 +59,8 @@ TreeChoice probe(const Group &group, const TraceScene &bvh, const DeviceKdSettin
   const DeviceBuffer<TreeWork> counted(memory, 2, "a probe's counters");
   const WaitAtEnd wait(stream);
   if (!has_near_kernels(kd_tree.scene)) return {false, "no ray is near a kd-tree of this scene"};
-  launch_probe_trees(bvh, kd_tree.scene, uint32_t(group.num_triangles), num_probe_rays, counted.data(), stream);
+  launch_probe_trees(bvh, kd_tree.scene, uint32_t(group.num_triangles), num_probe_rays, counted.data(),
+                     stream);
   TreeWork work[2];
   check(cudaMemcpyAsync(work, counted.data(), sizeof work, cudaMemcpyDeviceToHost, stream),
         "cudaMemcpyAsync");
@@ -67,13 +68,13 @@ TreeChoice probe(const Group &group, const TraceScene &bvh, const DeviceKdSettin
   if (work[0].rays == 0 || work[1].rays == 0) return {false, "a probe found no rays near the scene"};
   const double share = expected_time(work[1], true) / expected_time(work[0], false);
   const auto mean = [](unsigned long long sum, unsigned long long n) { return double(sum) / double(n); };
-  return {share < min_gain,
-          fmt::format("a probe of {} rays expects a kd-tree to take {:.2f} of a bvh's time: {:.1f} steps, "
-                      "{:.1f} leaves and {:.1f} tests a ray against {:.1f}, {:.1f} and {:.1f}",
-                      work[1].rays, share, mean(work[1].nodes, work[1].rays),
-                      mean(work[1].leaves, work[1].rays), mean(work[1].triangles, work[1].rays),
-                      mean(work[0].nodes, work[0].rays), mean(work[0].leaves, work[0].rays),
-                      mean(work[0].triangles, work[0].rays))};
+  return {
+      share < min_gain,
+      fmt::format("a probe of {} rays expects a kd-tree to take {:.2f} of a bvh's time: {:.1f} steps, "
+                  "{:.1f} leaves and {:.1f} tests a ray against {:.1f}, {:.1f} and {:.1f}",
+                  work[1].rays, share, mean(work[1].nodes, work[1].rays), mean(work[1].leaves, work[1].rays),
+                  mean(work[1].triangles, work[1].rays), mean(work[0].nodes, work[0].rays),
+                  mean(work[0].leaves, work[0].rays), mean(work[0].triangles, work[0].rays))};
 }
 
 }  // namespace
@@ -83,9 +84,10 @@ TreeChoice choose_tree(const CompiledScene &scene, const TraceScene &bvh, const 
 {
   const uint64_t num_triangles = scene.groups.empty() ? 0 : scene.groups[0].num_triangles;
   if (num_triangles < min_probed_triangles || num_triangles > max_probed_triangles) {
-    return {false, fmt::format("scenes of {} to {} triangles in world space are probed for kd-trees, this one "
-                               "has {}",
-                               min_probed_triangles, max_probed_triangles, num_triangles)};
+    return {false,
+            fmt::format("scenes of {} to {} triangles in world space are probed for kd-trees, this one "
+                        "has {}",
+                        min_probed_triangles, max_probed_triangles, num_triangles)};
   }
   if (!has_near_kernels(bvh)) {
     return {false,
