@@ -3,6 +3,7 @@
 
 #include "backend.h"
 #include "frame/film.h"
+#include "render_counters.h"
 
 namespace gpurt {
 
@@ -28,7 +29,5 @@ bool moments_of(const PixelSums &sums, PixelMoments &out);
 
 /// Sums beyond the range in which further samples are safe.
 uint32_t num_saturated_sums(const PixelSums &sums);
-
-void add_counters(RenderCounters &sum, const RenderCounters &other);
 
 }  // namespace gpurt

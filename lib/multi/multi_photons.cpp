@@ -3,8 +3,8 @@
 #include <map>
 #include <mutex>
 
-#include "frame/outputs.h"
 #include "multi/multi_scene.h"
+#include "render_counters.h"
 
 namespace gpurt::multi {
 namespace {

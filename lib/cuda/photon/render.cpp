@@ -8,7 +8,7 @@
 #include "cuda/photon/eye_tracer.h"
 #include "cuda/photon/photon_store.h"
 #include "error.h"
-#include "frame/outputs.h"
+#include "render_counters.h"
 
 namespace gpurt::cuda {
 namespace {
