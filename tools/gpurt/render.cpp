@@ -202,9 +202,8 @@ void add_render_command(CLI::App &program)
   command->add_option("scene", o->scene, "glTF 2.0 file, .glb or .gltf")->required()->type_name("SCENE");
   o->output.add_to(*command);
   command
-      ->add_option(
-          "--pipeline", o->pipeline,
-          "auto (path), path, photon, reyes or hybrid; this version has path, photon and reyes")
+      ->add_option("--pipeline", o->pipeline,
+                   "auto (path), path, photon, reyes or hybrid; this version has path, photon and reyes")
       ->check(CLI::IsMember({"auto", "path", "photon", "reyes", "hybrid"}))
       ->type_name("NAME")
       ->capture_default_str();

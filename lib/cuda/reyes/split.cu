@@ -56,8 +56,8 @@ __device__ bool decide(const ReyesBatch &b, QueuedPiece &q, SharedPart &part, ui
   if (lane < 3) {
     const float u0 = parameter(p.u), u1 = parameter(p.u + (1u << p.u_bits));
     const float v0 = parameter(p.v), v1 = parameter(p.v + (1u << p.v_bits));
-    const float (&from)[16] = lane == 0 ? patch.x : (lane == 1 ? patch.y : patch.w);
-    float (&to)[16] = lane == 0 ? part.x : (lane == 1 ? part.y : part.w);
+    const float(&from)[16] = lane == 0 ? patch.x : (lane == 1 ? patch.y : patch.w);
+    float(&to)[16] = lane == 0 ? part.x : (lane == 1 ? part.y : part.w);
     float sub[16];
     sub_patch(from, u0, u1, v0, v1, sub);
     for (int i = 0; i < 16; ++i) to[i] = sub[i];
