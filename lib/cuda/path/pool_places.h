@@ -23,6 +23,30 @@ __device__ __forceinline__ void store_ray(Ray *to, const Ray &ray)
   p[1] = make_float4(ray.direction.x, ray.direction.y, ray.direction.z, ray.tmax);
 }
 
+// The rays that a hit makes, till it is known where they go.
+struct MadeRays {
+  Ray next, shadow;
+  Vec3f contribution;
+  uint32_t target;
+  bool has_next, has_shadow;
+};
+
+struct MadeRaysSink {
+  MadeRays &made;
+  __device__ void next(const Ray &ray) const
+  {
+    made.next = ray;
+    made.has_next = true;
+  }
+  __device__ void shadow(const Ray &ray, Vec3f contribution, uint32_t target) const
+  {
+    made.shadow = ray;
+    made.contribution = contribution;
+    made.target = target;
+    made.has_shadow = true;
+  }
+};
+
 // Where this thread's item goes in a queue of `number` items so far: one atomic addition a block. In which order blocks
 // come changes no result.
 __device__ __forceinline__ uint32_t take_place(bool has_item, uint32_t *number,

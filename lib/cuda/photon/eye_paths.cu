@@ -29,30 +29,6 @@ __global__ void __launch_bounds__(block_size) start_kernel(const __grid_constant
   wave.states[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0};
 }
 
-// The rays that a hit makes, till it is known where they go.
-struct MadeRays {
-  Ray next, shadow;
-  Vec3f contribution;
-  uint32_t target;
-  bool has_next, has_shadow;
-};
-
-struct MadeRaysSink {
-  MadeRays &made;
-  __device__ void next(const Ray &ray) const
-  {
-    made.next = ray;
-    made.has_next = true;
-  }
-  __device__ void shadow(const Ray &ray, Vec3f contribution, uint32_t target) const
-  {
-    made.shadow = ray;
-    made.contribution = contribution;
-    made.target = target;
-    made.has_shadow = true;
-  }
-};
-
 __global__ void __launch_bounds__(block_size)
     shade_kernel(const __grid_constant__ EyeWave wave, int from, uint32_t depth, uint32_t n)
 {
