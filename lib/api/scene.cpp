@@ -1,5 +1,4 @@
 // gpurt_scene_*: create, load, commit, facts.
-#include <chrono>
 
 #include "api/array.h"
 #include "api/descriptor.h"
@@ -7,14 +6,10 @@
 #include "planner/plan.h"
 #include "scene/gltf.h"
 #include "scene/validate.h"
+#include "steady_seconds.h"
 
 namespace gpurt::api {
 namespace {
-
-double steady_seconds()
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 // What a file brought.
 uint64_t description_bytes(const SceneData &data)

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "schedule_desc.h"
+#include "steady_seconds.h"
 
 namespace gpurt {
 
@@ -19,11 +20,6 @@ constexpr uint64_t max_unit_paths = 65536;
 constexpr double unit_seconds = 0.05;    // what a unit may take a worker, so that cancelling is quick
 constexpr double passes_seconds = 0.15;  // what passes of photon mapping may take together
 constexpr double progress_interval_seconds = 0.05;
-
-double steady_seconds()
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 uint64_t area(const gpurt_tile &t) { return uint64_t(t.x1 - t.x0) * (t.y1 - t.y0); }
 

@@ -1,18 +1,12 @@
 // What the kernels of a thread counted, as backends report it.
 #pragma once
 
-#include <chrono>
-
 #include "backend.h"
 #include "core/path/path_pipeline.h"
 #include "cpu/path/path_kernel.h"
+#include "steady_seconds.h"
 
 namespace gpurt {
-
-inline double steady_seconds()
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 inline RenderCounters counters_from(const PathKernelCounters &kernel, uint64_t num_samples)
 {

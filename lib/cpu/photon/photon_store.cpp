@@ -1,8 +1,8 @@
 #include "cpu/photon/photon_store.h"
 
-#include <tbb/parallel_for.h>
+#include "steady_seconds.h"
 
-#include <chrono>
+#include <tbb/parallel_for.h>
 
 namespace gpurt {
 namespace {
@@ -13,11 +13,6 @@ constexpr uint32_t photons_per_chunk = 1024;
 // What a photon takes while its grid is built: its record twice, the sort's two pairs, probe, rest and table entries.
 constexpr uint64_t bytes_per_photon =
     2 * sizeof(Photon) + 2 * 8 + sizeof(PhotonProbe) + sizeof(PhotonRest) + 10;
-
-double steady_seconds()
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 }  // namespace
 
