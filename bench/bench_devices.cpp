@@ -4,7 +4,6 @@
 //   bench_devices [--width N] [--height N] [--spp N] [--repeats N] [--spheres N]
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -12,21 +11,10 @@
 #include <string>
 #include <vector>
 
+#include "check.h"
 #include "gpurt.h"
 
 namespace {
-
-void check(gpurt_result result, const char *what)
-{
-  if (result == GPURT_OK) return;
-  std::fprintf(stderr, "error: %s: %s\n", what, gpurt_last_error());
-  std::exit(1);
-}
-
-double now()
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 struct Options {
   uint32_t width = 1920, height = 1080, spp = 512, repeats = 5, spheres = 24;

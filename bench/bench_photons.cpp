@@ -9,7 +9,6 @@
 // are queued one after another, sorting included; on the CPU, of single calls.
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -20,21 +19,10 @@
 #include <thread>
 #include <vector>
 
+#include "check.h"
 #include "gpurt_cuda.h"
 
 namespace {
-
-void check(gpurt_result result, const char *what)
-{
-  if (result == GPURT_OK) return;
-  std::fprintf(stderr, "error: %s: %s\n", what, gpurt_last_error());
-  std::exit(1);
-}
-
-double now()
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 using Vec = std::array<float, 3>;
 

@@ -8,7 +8,6 @@
 // every sample sees, "wall_ms" a whole frame from its creation to its last pixel on the host.
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -16,21 +15,10 @@
 #include <string>
 #include <vector>
 
+#include "check.h"
 #include "gpurt.h"
 
 namespace {
-
-void check(gpurt_result result, const char *what)
-{
-  if (result == GPURT_OK) return;
-  std::fprintf(stderr, "error: %s: %s\n", what, gpurt_last_error());
-  std::exit(1);
-}
-
-double now()
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 struct Size {
   uint32_t width, height;

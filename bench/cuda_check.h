@@ -3,17 +3,8 @@
 
 #include <cuda_runtime_api.h>
 
-#include <cstdio>
-#include <cstdlib>
+#include "check.h"
 
-#include "gpurt.h"
-
-inline void check(gpurt_result result, const char *what)
-{
-  if (result == GPURT_OK) return;
-  std::fprintf(stderr, "error: %s: %s\n", what, gpurt_last_error());
-  std::exit(1);
-}
 inline void check(cudaError_t status, const char *what)
 {
   if (status == cudaSuccess) return;
