@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <random>
@@ -310,6 +311,30 @@ inline std::vector<Ray> mixed_rays(Random &rng, int count, float extent)
     rays.push_back(r);
   }
   return rays;
+}
+
+// A point of a triangle in double, and what a box has to leave to its rounding.
+struct TrianglePoint {
+  std::array<double, 3> p;
+  double slack;
+};
+
+/// The i-th of a triangle's points: some of them on an edge, some at a corner.
+inline TrianglePoint point_of(const Mesh &mesh, uint32_t triangle, Random &rng, int i)
+{
+  const UInt3 c = mesh.triangles[triangle];
+  const Vec3f a = mesh.positions[c.x], b = mesh.positions[c.y], d = mesh.positions[c.z];
+  float u = rng.uniform(0, 1), v = rng.uniform(0, 1);
+  if (i % 4 == 0) u = 0;
+  if (i % 8 == 0) v = 1;
+  if (u + v > 1) u = 1 - u, v = 1 - v;
+  TrianglePoint point{};
+  for (int k = 0; k < 3; ++k) {
+    point.p[k] = at(a, k) + u * (double(at(b, k)) - at(a, k)) + v * (double(at(d, k)) - at(a, k));
+    point.slack = std::max(point.slack, std::abs(point.p[k]));
+  }
+  point.slack *= 1e-12;
+  return point;
 }
 
 }  // namespace gpurt::test

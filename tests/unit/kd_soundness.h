@@ -26,17 +26,7 @@ inline void expect_complete(const Mesh &mesh, const HostKdTree &tree, Random &rn
     const Vec3f a = mesh.positions[c.x], b = mesh.positions[c.y], d = mesh.positions[c.z];
     if (is_degenerate(a, b, d)) continue;
     for (int i = 0; i < points_per_triangle; ++i) {
-      float u = rng.uniform(0, 1), v = rng.uniform(0, 1);
-      if (i % 4 == 0) u = 0;
-      if (i % 8 == 0) v = 1;
-      if (u + v > 1) u = 1 - u, v = 1 - v;
-      // In double, and cells are met with room for this point's own rounding.
-      double p[3], slack = 0;
-      for (int k = 0; k < 3; ++k) {
-        p[k] = at(a, k) + u * (double(at(b, k)) - at(a, k)) + v * (double(at(d, k)) - at(a, k));
-        slack = std::max(slack, std::abs(p[k]));
-      }
-      slack *= 1e-12;
+      const auto [p, slack] = point_of(mesh, t, rng, i);
       bool is_found = false;
       std::vector<uint32_t> todo = {0};
       while (!todo.empty() && !is_found) {
