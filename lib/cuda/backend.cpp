@@ -172,9 +172,10 @@ class CudaScene final : public CommittedScene, public StreamTracing {
 
   ReyesDeviceScene reyes_scene() const
   {
-    ReyesDeviceScene reyes{scene_->reyes_view(), 0, compiled_->environment.is_present != 0};
+    ReyesDeviceScene reyes{scene_->reyes_view(), 0, false, compiled_->environment.is_present != 0};
     reyes.view.scene = trace_scene_.scene;
     if (!compiled_->root_ranges.empty()) reyes.num_roots = compiled_->root_ranges.back().first_root;
+    for (const PatchRange &range : compiled_->patch_ranges) reyes.has_meshes |= range.num_patches == 0;
     for (const Light &light : compiled_->lights) reyes.has_found_light |= light.type == LightType::Triangle;
     return reyes;
   }

@@ -40,7 +40,13 @@ struct CoarseCells {
     for (uint32_t j = 0; j < 4; ++j) at[j] += j > cell ? 1 : 0;
   }
   __device__ void finish() {}
-  __device__ uint32_t first(uint32_t cell) const { return at[cell]; }
+  // As many as there are cells: one or four.
+  __device__ void store(uint32_t base, uint32_t *to, uint32_t num_cells) const
+  {
+    for (uint32_t c = 0; c < 4; ++c) {
+      if (c < num_cells) to[c] = base + at[c];
+    }
+  }
   __device__ uint32_t take(uint32_t cell)
   {
     uint32_t place = 0;
@@ -71,6 +77,14 @@ struct FineCells {
   {
     return uint32_t((cell < 8 ? low : high) >> 8 * (cell & 7) & 255);
   }
+  // first(0) .. first(15), from base on.
+  __device__ void store(uint32_t base, uint32_t *to, uint32_t) const
+  {
+    for (uint32_t c = 0; c < 16; c += 4) {
+      *reinterpret_cast<uint4 *>(to + c) =
+          make_uint4(base + first(c), base + first(c + 1), base + first(c + 2), base + first(c + 3));
+    }
+  }
   __device__ uint32_t take(uint32_t cell)
   {
     const uint32_t place = first(cell);
@@ -100,8 +114,7 @@ __global__ void __launch_bounds__(block_size)
     cells.count(cell(place));
   }
   cells.finish();
-  const uint32_t num_cells = 1u << 2 * shift;
-  for (uint32_t c = 0; c < num_cells; ++c) first[(s.local << 2 * shift) + c] = base + cells.first(c);
+  cells.store(base, first + (s.local << 2 * shift), 1u << 2 * shift);
   if (s.local == num_pixels - 1) first[num_pixels << 2 * shift] = num_pixels * num;
   s.sample -= num;
   for (uint32_t k = 0; k < num; ++k, ++s.sample) {

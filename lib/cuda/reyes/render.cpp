@@ -19,7 +19,7 @@ constexpr uint64_t max_group_pixels = uint64_t(1) << 22;
 constexpr uint64_t min_group_samples = uint64_t(1) << 12;
 // Paths that are shaded together.
 constexpr uint32_t max_wave_paths = uint32_t(1) << 21;
-constexpr uint32_t min_wave_paths = uint32_t(1) << 13;
+constexpr uint32_t min_wave_paths = uint32_t(1) << 12;
 // Each level takes half the memory of the last one.
 constexpr unsigned num_levels = 14;
 
@@ -80,7 +80,7 @@ class ReyesRenderer {
       num_cells = std::max(num_cells, VisibleSamples::cells_of(g.bounds, *pass_.reyes));
       work->film_bytes = std::max(work->film_bytes, GroupFilm(g.num_pixels(), pass_.outputs).bytes());
     }
-    work->samples.emplace(memory_, reyes_.view, reyes_.num_roots, *pass_.reyes,
+    work->samples.emplace(memory_, reyes_.view, reyes_.num_roots, reyes_.has_meshes, *pass_.reyes,
                           ReyesListSizes::at_level(level, reyes_.num_roots), num_samples, num_cells);
     const uint32_t wave_paths = std::max(max_wave_paths >> level, min_wave_paths);
     if (needs_rays_)

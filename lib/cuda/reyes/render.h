@@ -11,6 +11,7 @@ namespace gpurt::cuda {
 struct ReyesDeviceScene {
   ReyesScene view;
   uint64_t num_roots;
+  bool has_meshes;       // some of them are triangles
   bool has_found_light;  // lamps or an environment: light that rays from surfaces may meet
 };
 

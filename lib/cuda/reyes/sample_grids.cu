@@ -100,12 +100,14 @@ class TinyWalk {
 
 // Samples of a warp's grid that see it: where on it they lie is found out by all lanes together.
 struct SeenSamples {
+  WarpPlaces places;
   uint32_t slot[64], quad[64];
   float x[64], y[64];  // from the micropolygon's first vertex
 };
 
 // Where on the root a sample of a micropolygon lies: of its two triangles, if both are there equally near, the smaller.
-__device__ __forceinline__ uint64_t spot_of(const WarpGrid &g, uint32_t quad, float x, float y)
+__device__ __forceinline__ uint64_t spot_of(const WarpGrid &g, const WarpPlaces &places, uint32_t quad, float x,
+                                            float y)
 {
   const uint32_t width = (1u << g.piece.grid_u) + 1, num_u = width - 1;
   const uint32_t a = (quad >> g.piece.grid_u) * width + (quad & (num_u - 1));
@@ -123,7 +125,9 @@ __device__ __forceinline__ uint64_t spot_of(const WarpGrid &g, uint32_t quad, fl
     float share_b, share_c;
     const float z = cover(t, x, y, share_b, share_c);
     if (!(z > 0.0f && z >= nearest)) continue;
-    const Vec2f corners[3] = {place_of_vertex(g, k[0]), place_of_vertex(g, k[1]), place_of_vertex(g, k[2])};
+    const Vec2f corners[3] = {{places.u[k[0]], places.v[k[0]]},
+                              {places.u[k[1]], places.v[k[1]]},
+                              {places.u[k[2]], places.v[k[2]]}};
     const uint64_t key = place_key(cover_uv(t, corners, z, share_b, share_c));
     spot = z > nearest ? key : min(spot, key);
     nearest = z;
@@ -139,7 +143,7 @@ __device__ __forceinline__ void put_spots(const ReyesBatch &b, const WarpGrid &g
   if (lane < n) {
     const uint32_t i = first + lane;
     atomicMin(b.samples.spots + seen.slot[i],
-              static_cast<unsigned long long>(spot_of(g, seen.quad[i], seen.x[i], seen.y[i])));
+              static_cast<unsigned long long>(spot_of(g, seen.places, seen.quad[i], seen.x[i], seen.y[i])));
   }
   __syncwarp();
 }
@@ -160,7 +164,7 @@ __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_const
     copy_words(g.piece, b.leaves[leaf].piece, lane);
     copy_words(g.patch, b.patches[slot], lane);
     __syncwarp();
-    const bool is_in_front = dice(g, b.projection, lane);
+    const bool is_in_front = dice(g, b.projection, lane, finds_spots ? &seen.places : nullptr);
     __syncwarp();
     const uint32_t num_u = 1u << g.piece.grid_u, width = num_u + 1,
                    num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);

@@ -55,8 +55,8 @@ struct ReyesNumbers {
   uint32_t num_leaves;  // that are to be diced
   uint32_t num_large;
   uint32_t num_rest;    // grids that are left to the general kernel
-  uint32_t pushed[3];   // of three rounds of cutting
   uint32_t tickets[4];  // of grids, triangles, large triangles, the rest of grids
+  uint32_t pushed[3];   // of three rounds of cutting
   // Of the group.
   uint32_t largest_queue;
   uint32_t largest_sample;  // bits of the largest radiance

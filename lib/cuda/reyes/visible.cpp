@@ -70,8 +70,8 @@ VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListS
 }
 
 VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesScene &scene,
-                               uint64_t num_roots, const ReyesSettings &settings, const ReyesListSizes &sizes,
-                               uint64_t num_samples, uint64_t num_cells)
+                               uint64_t num_roots, bool has_meshes, const ReyesSettings &settings,
+                               const ReyesListSizes &sizes, uint64_t num_samples, uint64_t num_cells)
     : num_roots_(num_roots),
       settings_(settings),
       sizes_(sizes),
@@ -79,7 +79,8 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
       buffer_(memory,
               lay_out(nullptr, sizes, num_samples, num_cells, num_roots, settings.filter != ReyesFilter::Box)
                   .bytes,
-              "what REYES samples see, and its lists")
+              "what REYES samples see, and its lists"),
+      has_meshes_(has_meshes)
 {
   const bool has_filter = settings.filter != ReyesFilter::Box;
   const Arrays a = lay_out(buffer_.data(), sizes, num_samples, num_cells, num_roots, has_filter);
@@ -165,16 +166,18 @@ ReyesNumbers VisibleSamples::read_numbers(cudaStream_t stream)
   return *host;
 }
 
-// What the lists hold goes into the samples.
+// What the lists hold goes into the samples. Once they have gone through it, it is known which of them are empty.
 void VisibleSamples::sample(bool finds_spots, cudaStream_t stream, bool has_triangles)
 {
-  check(cudaMemsetAsync(batch_.numbers->tickets, 0, sizeof batch_.numbers->tickets, stream),
+  const ReyesNumbers &known = batch_numbers_;
+  check(cudaMemsetAsync(&batch_.numbers->num_large, 0,
+                        offsetof(ReyesNumbers, pushed) - offsetof(ReyesNumbers, num_large), stream),
         "cudaMemsetAsync");
-  check(cudaMemsetAsync(&batch_.numbers->num_large, 0, 2 * sizeof(uint32_t), stream), "cudaMemsetAsync");
-  if (has_triangles) launch_sample_triangles(batch_, finds_spots, stream);
+  if (has_triangles && has_meshes_ && !(has_all_ && known.num_triangles == 0))
+    launch_sample_triangles(batch_, finds_spots, stream);
   launch_sample_grids(batch_, finds_spots, stream);
-  launch_sample_rest(batch_, finds_spots, stream);
-  launch_sample_large(batch_, finds_spots, stream);
+  if (!(has_all_ && known.num_rest == 0)) launch_sample_rest(batch_, finds_spots, stream);
+  if (!(has_all_ && known.num_large == 0)) launch_sample_large(batch_, finds_spots, stream);
   mark(Stage::Sample, stream);
 }
 
@@ -196,7 +199,8 @@ void VisibleSamples::run_batch(uint64_t first, bool finds_spots, cudaStream_t st
       counters.num_triangles += done.num_triangles;
       counters.largest_bucket = std::max<uint64_t>(counters.largest_bucket, n);
     }
-    has_all_ = is_first && is_finished && n == num_roots_;
+    has_all_ = is_first && is_finished && n == num_roots_ && !finds_spots;
+    batch_numbers_ = done;
     if (is_finished) return;
     check(cudaMemsetAsync(&numbers->num_leaves, 0, sizeof numbers->num_leaves, stream), "cudaMemsetAsync");
   }

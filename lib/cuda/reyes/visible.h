@@ -27,8 +27,8 @@ class VisibleSamples {
  public:
   /// For groups of up to `num_samples` in `num_cells`. Throws OUT_OF_MEMORY.
   VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesScene &scene, uint64_t num_roots,
-                 const ReyesSettings &settings, const ReyesListSizes &sizes, uint64_t num_samples,
-                 uint64_t num_cells);
+                 bool has_meshes, const ReyesSettings &settings, const ReyesListSizes &sizes,
+                 uint64_t num_samples, uint64_t num_cells);
 
   /// Cells of a group's samples.
   static uint64_t cells_of(const WorkUnit &group, const ReyesSettings &settings);
@@ -71,8 +71,10 @@ class VisibleSamples {
   uint16_t *at_ = nullptr;
   std::byte *scan_memory_ = nullptr;
   uint64_t scan_bytes_ = 0;
-  // Of the last batch: its lists hold all that the group needs.
+  const bool has_meshes_;
+  // Of the last batch: its lists hold all that the group needs, and what it counted.
   bool has_all_ = false;
+  ReyesNumbers batch_numbers_{};
   PinnedBuffer pinned_;
   std::vector<std::unique_ptr<Event>> events_;
   std::vector<Stage> stages_;

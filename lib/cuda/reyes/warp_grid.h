@@ -24,8 +24,14 @@ __device__ inline void copy_words(T &to, const T &from, uint32_t lane)
     reinterpret_cast<uint32_t *>(&to)[i] = reinterpret_cast<const uint32_t *>(&from)[i];
 }
 
-// As dice_piece, a lane a vertex. Whether all of them can be projected.
-__device__ inline bool dice(WarpGrid &g, const RasterProjection &projection, uint32_t lane)
+// (u, v) of a grid's vertices on their root.
+struct WarpPlaces {
+  float u[max_grid_vertices], v[max_grid_vertices];
+};
+
+// As dice_piece, a lane a vertex; `places` may be null. Whether all of them can be projected.
+__device__ __forceinline__ bool dice(WarpGrid &g, const RasterProjection &projection, uint32_t lane,
+                                     WarpPlaces *places = nullptr)
 {
   const Piece &p = g.piece;
   const RasterPatch &patch = g.patch;
@@ -43,15 +49,19 @@ __device__ inline bool dice(WarpGrid &g, const RasterProjection &projection, uin
   bool is_in_front = true;
   for (uint32_t k = lane; k < width * (num_v + 1); k += 32) {
     const uint32_t j = k * reciprocal >> 16, i = k - j * width;
-    const CubicWeights v = cubic_weights(p.v + (j << (p.v_bits - p.grid_v)));
+    uint32_t ku = p.u + (i << (p.u_bits - p.grid_u)), kv = p.v + (j << (p.v_bits - p.grid_v));
+    const CubicWeights v = cubic_weights(kv);
     const auto coordinate = [&](int c) {
       return cubic(v, g.columns[c][0][i], g.columns[c][1][i], g.columns[c][2][i], g.columns[c][3][i]);
     };
     RasterPoint h{coordinate(0), coordinate(1), coordinate(2)};
     if (i == 0 || i == num_u || j == 0 || j == num_v) {
-      uint32_t ku, kv;
       grid_parameters(p, i, j, ku, kv);
       if (!is_nominal(p, i, j, ku, kv)) h = patch_point(patch, ku, kv);
+    }
+    if (places != nullptr) {
+      places->u[k] = parameter(ku);
+      places->v[k] = parameter(kv);
     }
     const bool is_here = is_projectable(h);
     const float inv_w = 1.0f / h.w;
