@@ -61,7 +61,7 @@ std::vector<NamedSchedule> traversals()
   return all;
 }
 
-std::vector<NamedSchedule> pipelines(const ScheduleOptions &o)
+std::vector<NamedSchedule> pipeline_schedules(const ScheduleOptions &o)
 {
   std::vector<NamedSchedule> all = traversals();
   const auto add = [&](const char *name, auto change) {
@@ -107,7 +107,7 @@ std::vector<gpurt_cuda_kernel> kernels_since(gpurt_device device,
   return ran;
 }
 
-Json to_json(const gpurt_cuda_kernel &k)
+Json kernel_json(const gpurt_cuda_kernel &k)
 {
   return {{"name", k.name},
           {"launches", k.num_launches},
@@ -119,7 +119,7 @@ Json to_json(const gpurt_cuda_kernel &k)
           {"occupancy", k.occupancy}};
 }
 
-Json to_json(const gpurt_schedule_counters &c)
+Json counters_json(const gpurt_schedule_counters &c)
 {
   Json json;
   const auto add = [&](const char *name, uint64_t value) {
@@ -142,7 +142,7 @@ Json to_json(const gpurt_schedule_counters &c)
 std::string counters_text(const gpurt_schedule_counters &c)
 {
   std::string text;
-  const Json json = to_json(c);
+  const Json json = counters_json(c);
   for (const auto &[name, value] : json.items())
     text += fmt::format("{}{} {}", text.empty() ? "" : ", ", name, value.get<uint64_t>());
   return text;
@@ -299,9 +299,9 @@ class Report {
     const double rate = work / m.seconds * 1e-6, factor = reference_.seconds / m.seconds;
     if (o_.json) {
       Json kernels = Json::array();
-      for (const gpurt_cuda_kernel &k : m.kernels) kernels.push_back(to_json(k));
+      for (const gpurt_cuda_kernel &k : m.kernels) kernels.push_back(kernel_json(k));
       Json line = {{"schedule", s.name}, {"millions_per_second", rate}, {"seconds", m.seconds},
-                   {"x_first", factor},  {"same_bits", same},           {"counters", to_json(m.counters)},
+                   {"x_first", factor},  {"same_bits", same},           {"counters", counters_json(m.counters)},
                    {"kernels", kernels}};
       if (s.talk != 0) line["talk_x"] = s.talk;
       print(std::move(line));
@@ -390,7 +390,7 @@ void run(ScheduleOptions o)
       report.add(s, measure_query(device, scene, set, s.schedule, o.repeats), double(set.rays.size()));
   }
   if (o.only != "queries") report.begin("renders", "Msamples/s");
-  for (const NamedSchedule &s : o.only != "queries" ? pipelines(o) : std::vector<NamedSchedule>()) {
+  for (const NamedSchedule &s : o.only != "queries" ? pipeline_schedules(o) : std::vector<NamedSchedule>()) {
     const Measured m = measure_render(device, scene, o, s.schedule);
     report.add(s, m, double(m.result.size() / (3 * sizeof(float))) * o.samples);
   }

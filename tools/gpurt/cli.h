@@ -1,7 +1,7 @@
 // What the commands share: failures with exit codes, handles that release themselves, common options.
 #pragma once
 
-#include <fmt/format.h>
+#include <fmt/core.h>
 #include <CLI/CLI.hpp>
 
 #include <cstdint>
