@@ -1,6 +1,7 @@
 """Errors and charts."""
 
 import csv
+import dataclasses
 import json
 import re
 import subprocess
@@ -60,7 +61,7 @@ def make_curve(name, build, seconds_per_sample, error, slope, count=8):
     from gpurt.chart.settings import make_setting
     samples = [Sample(2 ** k, 2 ** k * seconds_per_sample, 1.5 * error * (2 ** k) ** slope,
                       error * (2 ** k) ** slope, 0.0) for k in range(count)]
-    resolved = {k: "" for k in ("pipeline", "accel", "triangle_test", "reason")}
+    resolved = {k: name for k in ("pipeline", "accel", "triangle_test", "reason")}
     resolved.update({k: 1 for k in ("max_depth", "tile_size", "num_threads", "width", "height")})
     return Curve(make_setting(name, {}), [Run(1, 0.0, build, samples)] * 3, gpurt.devices()[0], resolved)
 
@@ -92,6 +93,27 @@ def test_slopes_fronts_and_tables():
     assert analyse.picture_seconds(results) == pytest.approx(1.128)
 
 
+def test_crossings():
+    from gpurt.chart import analyse
+    from gpurt.chart.report import crossing_text
+    # 0.01 / t against 0.004 t^(-1/2) over times from 0.01: equal at t = 6.25.
+    path = analyse.summarise(make_curve("path", 0.0, 0.01, 1.0, -1.0, count=12))
+    blurred = analyse.summarise(make_curve("photon", 0.0, 0.01, 0.04, -0.5, count=12))
+    for results in ([path, blurred], [blurred, path]):
+        crossing, = analyse.crossings(results, "trimmed")
+        assert (crossing.below, crossing.above) == ("path", "photon")
+        assert crossing.seconds == pytest.approx(6.25) and crossing.error == pytest.approx(0.0016)
+    assert crossing_text(crossing) == "from 6.25 s on, at 1.60e-3, path has less error than photon"
+    short = [dataclasses.replace(r, points=r.points[:6]) for r in (path, blurred)]
+    crossing, = analyse.crossings(short, "trimmed")
+    assert not crossing.measured and crossing.seconds == pytest.approx(6.25) and crossing.below == "path"
+    assert "by their slopes, from about 6.25 s on" in crossing_text(crossing)
+    ahead = analyse.summarise(make_curve("photon", 0.0, 0.01, 0.5, -1.0, count=12))
+    assert analyse.crossings([path, ahead], "trimmed") == []
+    # Accelerators of one pipeline on one device are not compared: noise would cross them.
+    assert analyse.crossings([path, dataclasses.replace(path, name="again", points=blurred.points, fits=blurred.fits)], "trimmed") == []
+
+
 def test_one_point_has_no_slope_and_noise_below_zero_is_left_out():
     from gpurt.chart import analyse
     assert analyse.summarise(make_curve("one", 0, 1, 1, -1, count=1)).fits["relmse"] is None
@@ -115,15 +137,20 @@ def test_settings_are_parsed():
     s = parse_setting("my name:accel=kdtree,max_depth=3,device=cpu,pipeline=path,threads=2")
     assert (s.name, s.commit, s.render) == ("my name", {"accel": "kdtree"}, {"max_depth": 3, "pipeline": "path"})
     assert s.device == {"device": "cpu", "threads": 2}
+    s = parse_setting("few:pipeline=photon,photons_per_pass=4096,initial_radius=0.5,kernel=cone")
+    assert s.render == {"pipeline": "photon", "photon": {"photons_per_pass": 4096, "initial_radius": 0.5, "kernel": "cone"}}
+    s = parse_setting("coarse:pipeline=reyes,shading_rate=4,shadows=0")
+    assert s.render == {"pipeline": "reyes", "reyes": {"shading_rate": 4.0, "shadows": False}}
     for wrong in (":accel=kdtree", "a:accel", "a:colour=red", "a:max_depth=many"):
         with pytest.raises(argparse.ArgumentTypeError, match=re.escape(wrong)):
             parse_setting(wrong)
     cpu = gpurt.devices()[0]
     gpu = gpurt.DeviceProperties("cuda", 0, 1, 0, 0, 0, 0, 90, "GPU", "sm_90")
-    assert [s.name for s in default_settings([cpu], "auto")] == ["path, embree, CPU", "path, kdtree, CPU"]
-    assert len(default_settings([cpu, gpu], "auto")) == 3
-    assert [s.device["device"] for s in default_settings([cpu, gpu], "cuda")] == ["cuda:0"]
-    assert len(default_settings([cpu, gpu], "cpu")) == 2
+    on_cpu = ["path, embree, CPU", "path, kdtree, CPU", "photon, CPU"]
+    assert [s.name for s in default_settings([cpu], "auto")] == on_cpu
+    assert [s.name for s in default_settings([cpu, gpu], "auto")] == [*on_cpu, "path, GPU", "photon, GPU"]
+    assert [s.device["device"] for s in default_settings([cpu, gpu], "cuda")] == ["cuda:0"] * 2
+    assert [s.name for s in default_settings([cpu, gpu], "cpu")] == on_cpu
 
 
 def test_reference_noise(tmp_path):
@@ -152,8 +179,9 @@ def test_a_chart(tmp_path):
     assert "slope" in result.stdout
 
     document = json.loads((out / "chart.json").read_text())
-    assert [s["name"] for s in document["settings"]] == ["path, embree, CPU", "path, kdtree, CPU"]
-    for setting in document["settings"]:
+    assert [s["name"] for s in document["settings"]] == ["path, embree, CPU", "path, kdtree, CPU", "photon, CPU"]
+    assert set(document["crossings"]) == {"relmse", "trimmed"}
+    for setting in document["settings"][:2]:
         assert [p["spp"] for p in setting["points"]] == [1, 2, 4, 8, 16]
         assert len(setting["runs"]) == 3 and len({r["seed"] for r in setting["runs"]}) == 3
         errors = [p["trimmed"]["median"] for p in setting["points"]]
@@ -163,15 +191,15 @@ def test_a_chart(tmp_path):
         assert all(p["trimmed"]["low"] <= p["trimmed"]["median"] <= p["trimmed"]["high"] for p in setting["points"])
     with open(out / "chart.csv") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 10 and {r["accel"] for r in rows} == {"embree", "kdtree"}
+    assert len(rows) == 10 + len(document["settings"][2]["points"]) and {r["accel"] for r in rows} == {"embree", "kdtree"}
     assert float(rows[0]["relmse"]) == document["settings"][0]["points"][0]["relmse"]["median"]
     assert any(r["pareto_trimmed"] == "1" for r in rows)
     assert (out / "chart.png").read_bytes()[:4] == b"\x89PNG"
     assert "path, kdtree, CPU" in (out / "chart.svg").read_text()
     page = (out / "index.html").read_text()
-    assert page.count("data:image/png;base64,") == 1 + 2 + 2 and "<svg" in page and "<?xml" not in page
+    assert page.count("data:image/png;base64,") == 1 + 3 + 3 and "<svg" in page and "<?xml" not in page
     assert not re.search(r'(src|href)="(?!data:|#)', page), "the page needs no other file"
-    assert len(document["pictures"]) == 2
+    assert len(document["pictures"]) == 3
 
 
 def test_failures_are_one_line(tmp_path):

@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Optional
 import gpurt
 from gpurt import metrics
 from gpurt.chart.measure import Limits, Noise, TimedPicture, measure, render_picture
-from gpurt.chart.settings import default_settings, parse_setting
+from gpurt.chart.settings import KEY_NAMES, default_settings, parse_setting
 
 FILES = "chart.csv, chart.json, chart.svg, chart.png, index.html"
 
@@ -44,9 +44,8 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("--reference", required=True, help="EXR file to compare with; it gives the size of the pictures")
     p.add_argument("-o", "--output", required=True, metavar="DIR", help="folder for the files; made if missing")
     p.add_argument("--settings", action="append", type=parse_setting, metavar="NAME:key=value,...",
-                   help="one curve; may be repeated. Keys: device, threads, pipeline, accel, triangle_test, max_depth, "
-                        "tile_size, patch_tolerance, traversal_cost, empty_bonus, tree_cache. Default: path tracing "
-                        "with each accelerator of --device")
+                   help=f"one curve; may be repeated. Keys: {KEY_NAMES}. Default: path tracing, with both accelerators "
+                        "on the CPU, and photon mapping, on --device")
     p.add_argument("--device", default="auto", help="of the default settings: auto, cpu or cuda[:N] (default auto: "
                                                     "the CPU, and the GPU if there is one)")
     p.add_argument("--reference-noise", metavar="E[,T]|FILE.json",
@@ -87,6 +86,9 @@ def write(options: argparse.Namespace, command: str, reference: metrics.Picture,
                 say(f"{r.name}: {lost} points of {m} are below the reference's noise and left out of the chart")
         fits = ", ".join(f"{m} {f.slope:+.3f} ± {f.slope_error:.3f}" for m, f in r.fits.items() if f)
         say(f"{r.name}: slope of error over render time: {fits or 'needs two points'}")
+    for m in analyse.MEASURES:
+        for crossing in analyse.crossings(results, m):
+            say(f"{m}: {report.crossing_text(crossing)}")
 
     # One more picture of each setting, in the time of the shortest curve.
     seconds = analyse.picture_seconds(results)
@@ -97,11 +99,12 @@ def write(options: argparse.Namespace, command: str, reference: metrics.Picture,
     height, width = reference.shape[:2]
     scene = pathlib.Path(options.scene).stem
     title = f"{scene}: error over time"
+    seeds = f"median of {options.repeats} seeds" if options.repeats > 1 else "one seed"
     subtitle = (f"{width}x{height} pixels, gpurt {gpurt.__version__}, "
-                f"{'; '.join(dict.fromkeys(c.device.name for c in curves))}; median of {options.repeats} seeds"
+                f"{'; '.join(dict.fromkeys(c.device.name for c in curves))}; {seeds}"
                 + (", the reference's noise subtracted" if noise.relmse > 0 else ""))
-    notes = ("Band: smallest to largest over the seeds. Grey: Pareto front. Slope: of error over render time alone, later half; "
-             "-1 is an unbiased method.")
+    notes = ("Band: smallest to largest over the seeds. Grey: Pareto front. Rings: methods cross. Slope: of error over render time "
+             "alone, later half; -1 is an unbiased method.")
     about: Dict[str, Any] = {
         "gpurt": gpurt.__version__, "command": command, "scene": options.scene, "reference": options.reference,
         "width": width, "height": height, "reference_noise": {"relmse": noise.relmse, "trimmed": noise.trimmed},

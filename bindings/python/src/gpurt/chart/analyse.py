@@ -134,6 +134,68 @@ def seconds_to(result: Result, error: float, measure: str) -> Optional[float]:
     return None
 
 
+@dataclasses.dataclass
+class Crossing:
+    """Where one curve falls below another."""
+
+    seconds: float
+    error: float
+    above: str  #: the setting whose error is larger from here on
+    below: str
+    measured: bool = True  #: False: the curves end before; their slopes meet here
+
+
+def crossings(results: Sequence[Result], measure: str) -> List[Crossing]:
+    """Of every two settings whose pipelines or devices differ, by time. Curves are lines in the logarithms, and are
+    compared over the times that both cover; where they do not cross there, their slopes may say where they would."""
+    found: List[Crossing] = []
+    for i, a in enumerate(results):
+        for b in results[i + 1:]:
+            if kind(a) != kind(b):
+                found += crossings_of_two(a, b, measure)
+    return sorted(found, key=lambda c: c.seconds)
+
+
+def kind(result: Result) -> Tuple[str, str]:
+    return result.curve.resolved["pipeline"], result.curve.device.name
+
+
+def crossings_of_two(a: Result, b: Result, measure: str) -> List[Crossing]:
+    times = sorted(p.seconds for r in (a, b) for p in r.points)
+    errors = [(t, error_at(a, t, measure), error_at(b, t, measure)) for t in times]
+    common = [(t, ea, eb) for t, ea, eb in errors if ea is not None and eb is not None]
+    found: List[Crossing] = []
+    ahead = 0.0  # how far b was above the last time that they differed, in logarithms
+    last = (0.0, 0.0)
+    for t, ea, eb in common:
+        difference = math.log(eb / ea)
+        if ahead * difference < 0:
+            share = ahead / (ahead - difference)
+            at = math.exp(math.log(last[0]) + share * math.log(t / last[0]))
+            error = error_at(a, at, measure)
+            names = (a.name, b.name) if difference < 0 else (b.name, a.name)
+            found.append(Crossing(at, last[1] if error is None else error, *names))
+        if difference != 0:
+            ahead, last = difference, (t, ea)
+    if common and not found:
+        found += expected_crossing(a, b, measure, common[-1][0])
+    return found
+
+
+def expected_crossing(a: Result, b: Result, measure: str, after: float) -> List[Crossing]:
+    """Where the fitted lines of two falling curves meet, if that is later than `after` and within a thousand times that:
+    a line of a few points says nothing about more."""
+    fa, fb = a.fits[measure], b.fits[measure]
+    if fa is None or fb is None or not max(fa.slope, fb.slope) < 0 or fa.slope == fb.slope:
+        return []
+    exponent = math.log(fb.at_one_second / fa.at_one_second) / (fa.slope - fb.slope)
+    if not math.log(after) < exponent < math.log(1000 * after):
+        return []
+    names = (a.name, b.name) if fb.slope < fa.slope else (b.name, a.name)
+    at = math.exp(exponent)
+    return [Crossing(at, fa.at_one_second * at ** fa.slope, *names, measured=False)]
+
+
 def round_values(low: float, high: float, steps: Sequence[float]) -> List[float]:
     """Values step x 10^k within [low, high]."""
     if not 0 < low <= high:

@@ -6,7 +6,7 @@ import math
 import textwrap
 from typing import TYPE_CHECKING, Any, Dict, List, Sequence, Tuple
 
-from gpurt.chart.analyse import Result, pareto_front
+from gpurt.chart.analyse import Result, crossings, pareto_front
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,6 +92,10 @@ def draw_panel(axes: "Axes", results: Sequence[Result], measure: str) -> List[En
         fit = result.fits[measure]
         slope = f"\nslope {fit.slope:+.2f}" if fit else ""
         ends.append((times[-1], medians[-1], textwrap.fill(result.name, LABEL_WIDTH) + slope, color(index)))
+    crossed = [c for c in crossings(results, measure) if c.measured]
+    if crossed:
+        axes.scatter([c.seconds for c in crossed], [c.error for c in crossed], s=60, facecolors="none",
+                     edgecolors="#404040", linewidths=1.1, zorder=4)
     axes.margins(x=0.04, y=0.06)
     return ends
 

@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Optional, Sequence
 import numpy as np
 
 from gpurt import metrics
-from gpurt.chart.analyse import MEASURES, Result, pareto_front
+from gpurt.chart.analyse import MEASURES, Crossing, Result, crossings, pareto_front
 from gpurt.chart.draw import TITLES, color, format_seconds
 from gpurt.chart.measure import TimedPicture
 from gpurt.metrics import Picture
@@ -63,6 +63,7 @@ def write_json(path: str, about: Dict[str, Any], results: Sequence[Result], tabl
         } for r in results],
         "pareto": {m: [{"seconds": t, "error": e, "setting": n} for t, e, n in pareto_front(results, m)]
                    for m in MEASURES},
+        "crossings": {m: [dataclasses.asdict(c) for c in crossings(results, m)] for m in MEASURES},
         "tables": tables,
         "pictures": [{"setting": p.name, "spp": p.spp, "seconds": p.seconds, **p.errors._asdict()} for p in pictures],
     }
@@ -161,6 +162,19 @@ def settings_table(results: Sequence[Result]) -> str:
             f"<th>slope, trimmed</th></tr></thead><tbody>{rows}</tbody></table>")
 
 
+def crossing_text(crossing: Crossing) -> str:
+    when = "from" if crossing.measured else "by their slopes, from about"
+    has = "has" if crossing.measured else "will have"
+    return (f"{when} {format_seconds(crossing.seconds)} on, at {error_text(crossing.error)}, {crossing.below} {has} less "
+            f"error than {crossing.above}")
+
+
+def crossing_list(results: Sequence[Result], measure: str) -> str:
+    lines = [crossing_text(c) for c in crossings(results, measure)]
+    items = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
+    return f"<ul>{items}</ul>" if items else '<p class="about">No curve crosses one of another kind, nor will by its slope.</p>'
+
+
 def picture_figures(pictures: Sequence[TimedPicture], reference: Picture) -> str:
     figures = (f'<figure><img alt="reference" src="{data_uri(png_of(metrics.tonemap(reference)))}">'
                "<figcaption><b>reference</b></figcaption></figure>")
@@ -182,7 +196,8 @@ def write_page(path: str, title: str, command: str, svg: str, results: Sequence[
     sections = ""
     for measure in MEASURES:
         sections += (f"<h2>Equal time: {TITLES[measure]}</h2>{equal_time_table(results, tables, measure)}"
-                     f"<h2>Equal error: {TITLES[measure]}</h2>{equal_error_table(results, tables, measure)}")
+                     f"<h2>Equal error: {TITLES[measure]}</h2>{equal_error_table(results, tables, measure)}"
+                     f"<h2>Crossings: {TITLES[measure]}</h2>{crossing_list(results, measure)}")
     page = (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
             f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head><body>'
             f"{svg}"

@@ -4,15 +4,28 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from typing import Any, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from gpurt.device import Device, DeviceProperties
 
+Keys = Mapping[str, Callable[[Any], Any]]
+
+
+def flag(text: str) -> bool:
+    """"0" or "1"."""
+    return bool(int(text))
+
+
 # Where each key goes, and what makes a value of its text.
-DEVICE_KEYS = {"device": str, "threads": int}
-COMMIT_KEYS = {"accel": str, "triangle_test": str, "patch_tolerance": float, "traversal_cost": float,
+DEVICE_KEYS: Keys = {"device": str, "threads": int}
+COMMIT_KEYS: Keys = {"accel": str, "triangle_test": str, "patch_tolerance": float, "traversal_cost": float,
                "empty_bonus": float, "tree_cache": str}
-RENDER_KEYS = {"pipeline": str, "max_depth": int, "tile_size": int}
+RENDER_KEYS: Keys = {"pipeline": str, "max_depth": int, "tile_size": int}
+# Of these two pipelines; the names are those that Frame.submit takes.
+PHOTON_KEYS: Keys = {"photons_per_pass": int, "initial_radius": float, "kernel": str}
+REYES_KEYS: Keys = {"shading_rate": float, "filter": str, "shading": str, "shadows": flag}
+KNOWN_KEYS: Tuple[Keys, Keys, Keys, Keys, Keys] = (DEVICE_KEYS, COMMIT_KEYS, RENDER_KEYS, PHOTON_KEYS, REYES_KEYS)
+KEY_NAMES = ", ".join(key for known in KNOWN_KEYS for key in known)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,15 +41,20 @@ class Setting:
 
 
 def make_setting(name: str, values: Dict[str, Any], device: str = "auto") -> Setting:
-    groups: List[Dict[str, Any]] = [{"device": device}, {}, {}]
+    groups: List[Dict[str, Any]] = [{"device": device}, {}, {}, {}, {}]
     for key, value in values.items():
-        for group, known in zip(groups, (DEVICE_KEYS, COMMIT_KEYS, RENDER_KEYS)):
+        for group, known in zip(groups, KNOWN_KEYS):
             if key in known:
                 group[key] = known[key](value)
                 break
         else:
-            raise ValueError(f"unknown key {key!r}; known: {', '.join([*DEVICE_KEYS, *COMMIT_KEYS, *RENDER_KEYS])}")
-    return Setting(name, *groups)
+            raise ValueError(f"unknown key {key!r}; known: {KEY_NAMES}")
+    on, commit, render, photon, reyes = groups
+    if photon:
+        render["photon"] = photon
+    if reyes:
+        render["reyes"] = reyes
+    return Setting(name, on, commit, render)
 
 
 def parse_setting(text: str) -> Setting:
@@ -57,7 +75,7 @@ def parse_setting(text: str) -> Setting:
 
 
 def default_settings(devices: List[DeviceProperties], wanted: str) -> List[Setting]:
-    """Path tracing with every accelerator of the CPU, and of the first GPU if there is one."""
+    """Path tracing and photon mapping on the CPU, and on the first GPU if there is one."""
     kind, _, ordinal = wanted.partition(":")
     gpu: Optional[DeviceProperties] = next(
         (d for d in devices if d.type == "cuda" and d.ordinal == int(ordinal or 0)), None)
@@ -65,7 +83,8 @@ def default_settings(devices: List[DeviceProperties], wanted: str) -> List[Setti
     if kind in ("auto", "cpu"):
         settings += [make_setting(f"path, {accel}, CPU", {"pipeline": "path", "accel": accel}, "cpu")
                      for accel in ("embree", "kdtree")]
+        settings.append(make_setting("photon, CPU", {"pipeline": "photon"}, "cpu"))
     if kind == "cuda" or (kind == "auto" and gpu):
         name = f"cuda:{ordinal or 0}"
-        settings.append(make_setting("path, kdtree, GPU", {"pipeline": "path", "accel": "kdtree"}, name))
+        settings += [make_setting(f"{pipeline}, GPU", {"pipeline": pipeline}, name) for pipeline in ("path", "photon")]
     return settings
