@@ -320,3 +320,15 @@ c_enum! {
         NodeLists = GPURT_GATHER_NODE_LISTS,
     }
 }
+
+c_enum! {
+    /// How rays that follow one another in a batch go. Changes the speed on CUDA devices alone, never a result.
+    Coherence {
+        /// A few of the rays are looked at.
+        Auto = GPURT_COHERENCE_AUTO,
+        /// Nearly the same way, as those of a camera's neighbouring pixels.
+        Coherent = GPURT_COHERENCE_COHERENT,
+        /// Apart, as those that surfaces scatter.
+        Incoherent = GPURT_COHERENCE_INCOHERENT,
+    }
+}

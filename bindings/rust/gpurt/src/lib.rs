@@ -62,7 +62,7 @@ pub use pipelines::{PhotonCounters, PhotonSettings, ReyesCounters, ReyesSettings
 pub use photons::{NearestPoints, PhotonMap, PhotonMapDesc, PhotonMapInfo, PointLists, Within};
 pub use scene::{BuildDesc, Scene, SceneFacts};
 pub use schedule::{Schedule, ScheduleCounters};
-pub use trace::{AllHits, Hit, HitCompact, HitRecord, Ray};
+pub use trace::{AllHits, Hit, HitCompact, HitRecord, Ray, Tracer};
 pub use tree::{KdTree, KdTreeNode, KdTreeNodeKind};
 
 /// "None" wherever ids count from 0, such as [`Hit::primitive`] of a miss.

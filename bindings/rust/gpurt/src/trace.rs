@@ -5,7 +5,7 @@ use std::ops::Index;
 use std::ptr;
 
 use crate::callback::call;
-use crate::{sys, DeviceBuffer, Error, Pod, Result, Scene, INVALID_ID};
+use crate::{sys, Coherence, DeviceBuffer, Error, Pod, Result, Scene, INVALID_ID};
 
 /// A ray. One with a zero or non-finite direction, a non-finite origin or `tmin > tmax` misses.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -155,7 +155,46 @@ fn expect_len(what: &str, len: usize, expected: usize) -> Result<()> {
     Err(Error::InvalidArgument(format!("{} has {} elements; these rays need {}", what, len, expected)))
 }
 
-impl Scene {
+/// Traces the rays of a scene, with what its caller knows of their order ([`Scene::tracer`]). A hint changes the speed on
+/// CUDA devices alone, never a result.
+///
+/// ```
+/// # fn main() -> gpurt::Result<()> {
+/// # use gpurt::{Coherence, Device, Mesh, Ray, Scene, IDENTITY};
+/// # let scene = Scene::new(&Device::new()?)?;
+/// # let triangle = scene.add_mesh(&Mesh::new(&[[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))?;
+/// # scene.add_instance(triangle, IDENTITY)?;
+/// # scene.commit()?;
+/// // 64 x 32 rays through a plane, row by row.
+/// let rays: Vec<Ray> =
+///     (0..64 * 32).map(|i| Ray::new([(i % 64) as f32 / 64.0, (i / 64) as f32 / 32.0, 1.0], [0.0, 0.0, -1.0])).collect();
+/// let hits = scene.tracer().coherence(Coherence::Coherent).image_width(64).closest(&rays)?;
+/// assert_eq!(hits.iter().filter(|hit| !hit.is_miss()).count(), scene.occluded(&rays)?.iter().filter(|o| **o).count());
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone, Copy)]
+pub struct Tracer<'a> {
+    scene: &'a Scene,
+    coherence: Coherence,
+    image_width: u32,
+}
+
+impl Tracer<'_> {
+    /// How rays that follow one another go; by default a few of them are looked at.
+    pub fn coherence(mut self, coherence: Coherence) -> Self {
+        self.coherence = coherence;
+        self
+    }
+
+    /// The rays are those of an image, row by row, of this many: coherent ones go by tiles. 0, the default: they are not.
+    pub fn image_width(mut self, width: u32) -> Self {
+        self.image_width = width;
+        self
+    }
+}
+
+impl Tracer<'_> {
     /// The rest of `desc` is that of a query on device memory; its arrays have the sizes that the query needs.
     fn trace_on_device(&self, rays: &DeviceBuffer<Ray>, desc: sys::gpurt_trace_desc) -> Result<()> {
         self.expect_device("rays", rays)?;
@@ -163,21 +202,23 @@ impl Scene {
             storage: sys::GPURT_STORAGE_DEVICE,
             num_rays: rays.len() as u64,
             rays: rays.as_device_ptr() as *const sys::gpurt_ray,
+            coherence: self.coherence as sys::gpurt_coherence,
+            image_width: self.image_width,
             ..desc
         };
         // SAFETY: the handle is valid; all buffers are of the scene's device, have the sizes that the query reads
         // and writes, and are borrowed until it is done.
-        call(|| unsafe { sys::gpurt_scene_trace(self.as_raw(), &desc) })
+        call(|| unsafe { sys::gpurt_scene_trace(self.scene.as_raw(), &desc) })
     }
 
     fn expect_device<T: Pod>(&self, name: &str, buffer: &DeviceBuffer<T>) -> Result<()> {
-        if buffer.callbacks().share_device(self.callbacks()) {
+        if buffer.callbacks().share_device(self.scene.callbacks()) {
             return Ok(());
         }
         Err(Error::InvalidArgument(format!("{} belongs to another device than the scene; make it there", name)))
     }
 
-    /// As [`closest_into`](Scene::closest_into), with rays and hits in device memory.
+    /// As [`closest_into`](Tracer::closest_into), with rays and hits in device memory.
     pub fn closest_on_device<H: HitRecord + Pod>(
         &self,
         rays: &DeviceBuffer<Ray>,
@@ -194,7 +235,7 @@ impl Scene {
         self.trace_on_device(rays, desc)
     }
 
-    /// As [`occluded_into`](Scene::occluded_into), with rays and results in device memory.
+    /// As [`occluded_into`](Tracer::occluded_into), with rays and results in device memory.
     pub fn occluded_on_device(
         &self,
         rays: &DeviceBuffer<Ray>,
@@ -210,8 +251,8 @@ impl Scene {
         self.trace_on_device(rays, desc)
     }
 
-    /// As [`all_into`](Scene::all_into), with rays, hits and offsets in device memory; without hits, as
-    /// [`count_into`](Scene::count_into).
+    /// As [`all_into`](Tracer::all_into), with rays, hits and offsets in device memory; without hits, as
+    /// [`count_into`](Tracer::count_into).
     pub fn all_on_device<H: HitRecord + Pod>(
         &self,
         rays: &DeviceBuffer<Ray>,
@@ -241,45 +282,18 @@ impl Scene {
         Ok(last[0])
     }
 
-    /// Traces arrays that are given by their addresses, as [`sys::gpurt_scene_trace`] does.
-    ///
-    /// # Safety
-    ///
-    /// The descriptor's pointers must be valid for what the query reads and writes, in the memory that its storage
-    /// names, on the scene's device, and nothing else may use what is written until the call returns.
-    pub unsafe fn trace_raw(&self, desc: &sys::gpurt_trace_desc) -> Result<()> {
-        // SAFETY: the caller's promise.
-        call(|| unsafe { sys::gpurt_scene_trace(self.as_raw(), desc) })
-    }
-
-    /// Queues a query on a CUDA stream and returns before it is done, as [`sys::gpurt_cuda_trace`] does. `stream` is a
-    /// `cudaStream_t` or `CUstream`, null the default stream; the events may be null.
-    ///
-    /// # Safety
-    ///
-    /// As for [`trace_raw`](Scene::trace_raw), with device memory, until the work on the stream is done. Scene and commit
-    /// must live as long. The stream and the events belong to the scene's device.
-    pub unsafe fn trace_on_stream(
-        &self,
-        desc: &sys::gpurt_trace_desc,
-        stream: *mut c_void,
-        wait_event: *mut c_void,
-        done_event: *mut c_void,
-    ) -> Result<()> {
-        // SAFETY: the caller's promise.
-        call(|| unsafe { sys::gpurt_cuda_trace(self.as_raw(), desc, stream, wait_event, done_event) })
-    }
-
     fn trace(&self, rays: &[Ray], desc: sys::gpurt_trace_desc) -> Result<()> {
         let desc = sys::gpurt_trace_desc {
             storage: sys::GPURT_STORAGE_HOST,
             num_rays: rays.len() as u64,
             rays: rays.as_ptr() as *const sys::gpurt_ray,
+            coherence: self.coherence as sys::gpurt_coherence,
+            image_width: self.image_width,
             ..desc
         };
         // SAFETY: the handle is valid; `Ray` has the layout of gpurt_ray; the callers below give outputs of
         // the sizes that the query writes, which are borrowed mutably during the call.
-        call(|| unsafe { sys::gpurt_scene_trace(self.as_raw(), &desc) })
+        call(|| unsafe { sys::gpurt_scene_trace(self.scene.as_raw(), &desc) })
     }
 
     /// The closest hit of each ray; of equal ones that of the smaller (instance, primitive).
@@ -367,5 +381,104 @@ impl Scene {
         };
         self.trace(rays, desc)?;
         Ok(offsets[rays.len()])
+    }
+}
+
+impl Scene {
+    /// Traces rays with what the caller knows of their order. The queries below are those of a tracer without hints.
+    pub fn tracer(&self) -> Tracer<'_> {
+        Tracer { scene: self, coherence: Coherence::Auto, image_width: 0 }
+    }
+
+    /// [`Tracer::closest`] without hints.
+    pub fn closest(&self, rays: &[Ray]) -> Result<Vec<Hit>> {
+        self.tracer().closest(rays)
+    }
+
+    /// [`Tracer::closest_into`] without hints.
+    pub fn closest_into<H: HitRecord>(&self, rays: &[Ray], hits: &mut [H]) -> Result<()> {
+        self.tracer().closest_into(rays, hits)
+    }
+
+    /// [`Tracer::closest_on_device`] without hints.
+    pub fn closest_on_device<H: HitRecord + Pod>(
+        &self,
+        rays: &DeviceBuffer<Ray>,
+        hits: &mut DeviceBuffer<H>,
+    ) -> Result<()> {
+        self.tracer().closest_on_device(rays, hits)
+    }
+
+    /// [`Tracer::occluded`] without hints.
+    pub fn occluded(&self, rays: &[Ray]) -> Result<Vec<bool>> {
+        self.tracer().occluded(rays)
+    }
+
+    /// [`Tracer::occluded_into`] without hints.
+    pub fn occluded_into(&self, rays: &[Ray], occluded: &mut [u8]) -> Result<()> {
+        self.tracer().occluded_into(rays, occluded)
+    }
+
+    /// [`Tracer::occluded_on_device`] without hints.
+    pub fn occluded_on_device(
+        &self,
+        rays: &DeviceBuffer<Ray>,
+        occluded: &mut DeviceBuffer<u8>,
+    ) -> Result<()> {
+        self.tracer().occluded_on_device(rays, occluded)
+    }
+
+    /// [`Tracer::all`] without hints.
+    pub fn all(&self, rays: &[Ray]) -> Result<AllHits> {
+        self.tracer().all(rays)
+    }
+
+    /// [`Tracer::count_into`] without hints.
+    pub fn count_into(&self, rays: &[Ray], offsets: &mut [u64]) -> Result<u64> {
+        self.tracer().count_into(rays, offsets)
+    }
+
+    /// [`Tracer::all_into`] without hints.
+    pub fn all_into<H: HitRecord>(&self, rays: &[Ray], hits: &mut [H], offsets: &mut [u64]) -> Result<u64> {
+        self.tracer().all_into(rays, hits, offsets)
+    }
+
+    /// [`Tracer::all_on_device`] without hints.
+    pub fn all_on_device<H: HitRecord + Pod>(
+        &self,
+        rays: &DeviceBuffer<Ray>,
+        hits: Option<&mut DeviceBuffer<H>>,
+        offsets: &mut DeviceBuffer<u64>,
+    ) -> Result<u64> {
+        self.tracer().all_on_device(rays, hits, offsets)
+    }
+
+    /// Traces arrays that are given by their addresses, as [`sys::gpurt_scene_trace`] does.
+    ///
+    /// # Safety
+    ///
+    /// The descriptor's pointers must be valid for what the query reads and writes, in the memory that its storage
+    /// names, on the scene's device, and nothing else may use what is written until the call returns.
+    pub unsafe fn trace_raw(&self, desc: &sys::gpurt_trace_desc) -> Result<()> {
+        // SAFETY: the caller's promise.
+        call(|| unsafe { sys::gpurt_scene_trace(self.as_raw(), desc) })
+    }
+
+    /// Queues a query on a CUDA stream and returns before it is done, as [`sys::gpurt_cuda_trace`] does. `stream` is a
+    /// `cudaStream_t` or `CUstream`, null the default stream; the events may be null.
+    ///
+    /// # Safety
+    ///
+    /// As for [`trace_raw`](Scene::trace_raw), with device memory, until the work on the stream is done. Scene and commit
+    /// must live as long. The stream and the events belong to the scene's device.
+    pub unsafe fn trace_on_stream(
+        &self,
+        desc: &sys::gpurt_trace_desc,
+        stream: *mut c_void,
+        wait_event: *mut c_void,
+        done_event: *mut c_void,
+    ) -> Result<()> {
+        // SAFETY: the caller's promise.
+        call(|| unsafe { sys::gpurt_cuda_trace(self.as_raw(), desc, stream, wait_event, done_event) })
     }
 }

@@ -1,6 +1,6 @@
 //! Ray queries and tree exchange.
 use gpurt::{
-    Accel, BuildDesc, Error, Hit, HitCompact, KdTreeNodeKind, Mesh, Ray, Scene, TriangleTest, IDENTITY,
+    Accel, BuildDesc, Coherence, Error, Hit, HitCompact, KdTreeNodeKind, Mesh, Ray, Scene, TriangleTest, IDENTITY,
     INVALID_ID,
 };
 
@@ -60,6 +60,19 @@ fn queries_agree() {
         let nothing = scene.all(&[]).unwrap();
         assert_eq!((nothing.hits.len(), nothing.iter().count()), (0, 0));
         assert!(scene.closest(&[]).unwrap().is_empty());
+    }
+}
+
+#[test]
+fn hints_change_no_hit() {
+    let scene = two_layers(Accel::Bvh);
+    let hits = scene.closest(&rays()).unwrap();
+    // The last row of an image may be short.
+    for (coherence, width) in [(Coherence::Auto, 0), (Coherence::Coherent, 3), (Coherence::Incoherent, 2)] {
+        let tracer = scene.tracer().coherence(coherence).image_width(width);
+        assert_eq!(tracer.closest(&rays()).unwrap(), hits);
+        assert_eq!(tracer.occluded(&rays()).unwrap(), [true, true, false]);
+        assert_eq!(tracer.all(&rays()).unwrap().offsets, [0, 2, 3, 3]);
     }
 }
 
