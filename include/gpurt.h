@@ -959,7 +959,12 @@ typedef enum gpurt_output {
   GPURT_OUTPUT_VARIANCE =
       9, /* float32 [h][w][3]: variance of the colour, from two independent halves; infinite while one is empty */
   GPURT_OUTPUT_TIME = 10, /* this version: UNSUPPORTED */
-  GPURT_OUTPUT_COUNT = 11,
+  /* Of GPURT_PIPELINE_PHOTON alone, without GPURT_PHOTON_ESTIMATOR_PER_PIXEL; else jobs are UNSUPPORTED. This version:
+     UNSUPPORTED. */
+  GPURT_OUTPUT_BIAS = 11, /* float32 [h][w][3]: what blur adds to the colour, estimated; signed */
+  GPURT_OUTPUT_ERROR =
+      12, /* float32 [h][w][3]: what blur and noise move the colour by at most, with 95 % confidence, or infinite */
+  GPURT_OUTPUT_COUNT = 13,
   GPURT_OUTPUT_FORCE32 = 0x7fffffff
 } gpurt_output;
 
@@ -1000,15 +1005,16 @@ typedef enum gpurt_pipeline {
   GPURT_PIPELINE_FORCE32 = 0x7fffffff
 } gpurt_pipeline;
 
-/* How photons become radiance. Memoryless passes alone are independent of each other: only they can be merged and shared. */
+/* How photons become radiance. Memoryless passes alone are independent of each other: only they can be merged, and shared
+   by devices; with the others both is UNSUPPORTED. */
 typedef enum gpurt_photon_estimator {
   GPURT_PHOTON_ESTIMATOR_AUTO = 0, /* memoryless */
   GPURT_PHOTON_ESTIMATOR_MEMORYLESS =
       1, /* a radius that depends on the pass alone (Knaus and Zwicker 2011) */
-  GPURT_PHOTON_ESTIMATOR_PER_PIXEL =
-      2, /* statistics a pixel (Hachisuka and Jensen 2009); this version: UNSUPPORTED */
-  GPURT_PHOTON_ESTIMATOR_ADAPTIVE =
-      3, /* adaptive bandwidth (Kaplanyan and Dachsbacher 2013); this version: UNSUPPORTED */
+  /* Each pixel keeps its radius, photons and flux (Hachisuka and Jensen 2009); this version: UNSUPPORTED. */
+  GPURT_PHOTON_ESTIMATOR_PER_PIXEL = 2,
+  /* A radius for each pixel, by its blur and noise so far (Kaplanyan and Dachsbacher 2013); this version: UNSUPPORTED. */
+  GPURT_PHOTON_ESTIMATOR_ADAPTIVE = 3,
   GPURT_PHOTON_ESTIMATOR_FORCE32 = 0x7fffffff
 } gpurt_photon_estimator;
 
@@ -1051,13 +1057,15 @@ typedef struct gpurt_photon_counters {
   uint64_t num_gathered;   /* photons that counted at visible points */
   uint64_t num_visible;    /* visible points */
   uint64_t num_sub_passes; /* photon maps that were built: more than passes where memory held no whole pass */
-  double trace_seconds;    /* per stage, summed over threads */
+  double trace_seconds;    /* per stage, summed over threads: photons from the lights to where they end */
   double build_seconds;
   double gather_seconds;
   double smallest_radius; /* of the last pass so far */
-  uint64_t reserved[4];
+  double emit_seconds;    /* of trace_seconds: at the lights */
+  double scatter_seconds; /* of trace_seconds: at surfaces; the rest is rays */
+  uint64_t reserved[2];
 } gpurt_photon_counters;
-#define GPURT_PHOTON_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0, 0}}
+#define GPURT_PHOTON_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0}}
 
 /* How samples become pixels. */
 typedef enum gpurt_reyes_filter {
@@ -1119,7 +1127,8 @@ typedef struct gpurt_render_desc {
   gpurt_pipeline pipeline;
   uint32_t
       samples_per_pixel; /* until every pixel of the tiles has this many; 0: by error or time, else 64, of REYES 9 */
-  float target_error;  /* stop at the first whole-frame pass whose estimated relMSE is below; 0: none */
+  float
+      target_error; /* stop at the first whole-frame pass whose estimated error (relMSE) is below; 0: none */
   double time_limit_s; /* stop at the last whole-frame pass that fits; 0: none */
   uint32_t max_depth;  /* emission seen directly is 1, direct light 2; 0: 17, of REYES 2 */
   uint32_t
@@ -1261,7 +1270,7 @@ typedef struct gpurt_statistics {
   double shadow_seconds;
   double film_seconds;
   double build_seconds;   /* of the scene's commit */
-  double estimated_error; /* relMSE of the frame, from two independent halves; negative: not known */
+  double estimated_error; /* relMSE of the frame, noise and known bias; negative: not known */
   double largest_sample;  /* largest radiance of a single sample */
   uint64_t memory_peak_bytes;
   char reason[256];        /* why settings were chosen */
@@ -1272,6 +1281,9 @@ typedef struct gpurt_statistics {
   gpurt_photon_counters photon_counters; /* over all jobs of the frame */
   gpurt_reyes_settings reyes;            /* resolved; zero for other pipelines */
   gpurt_reyes_counters reyes_counters;   /* over all jobs of the frame; a saved state does not keep them */
+  /* The part of estimated_error that is bias; the rest is noise, from two independent halves. Of photon mapping it is known
+     where the frame has GPURT_OUTPUT_BIAS or _ERROR, or its first job had a target_error; negative: not known. */
+  double estimated_bias;
 } gpurt_statistics;
 #define GPURT_STATISTICS_INIT \
   {sizeof(gpurt_statistics), \
@@ -1307,7 +1319,8 @@ typedef struct gpurt_statistics {
    GPURT_PHOTON_SETTINGS_INIT, \
    GPURT_PHOTON_COUNTERS_INIT, \
    GPURT_REYES_SETTINGS_INIT, \
-   GPURT_REYES_COUNTERS_INIT}
+   GPURT_REYES_COUNTERS_INIT, \
+   0}
 
 /** Reads the statistics of a frame; while a job runs, of what is done so far. */
 GPURT_API gpurt_result gpurt_frame_get_statistics(gpurt_frame frame, gpurt_statistics *out_statistics);

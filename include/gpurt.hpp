@@ -201,6 +201,8 @@ class Frame : public Handle<gpurt_frame, gpurt_frame_retain, gpurt_frame_release
       case GPURT_OUTPUT_ALBEDO:
       case GPURT_OUTPUT_POSITION:
       case GPURT_OUTPUT_VARIANCE:
+      case GPURT_OUTPUT_BIAS:
+      case GPURT_OUTPUT_ERROR:
         return 3;
       default:
         return 1;
@@ -391,6 +393,102 @@ class Scene : public Handle<gpurt_scene, gpurt_scene_retain, gpurt_scene_release
   }
 };
 
+/// Points in space that are found by their places: see "Photon maps" in gpurt.h. Places are flat arrays of x y z.
+class PhotonMap : public Handle<gpurt_photon_map, gpurt_photon_map_retain, gpurt_photon_map_release> {
+ public:
+  PhotonMap() = default;
+  explicit PhotonMap(gpurt_photon_map owned) noexcept : Handle(owned) {}
+
+  gpurt_photon_map_info info() const
+  {
+    gpurt_photon_map_info i = GPURT_PHOTON_MAP_INFO_INIT;
+    check(gpurt_photon_map_get_info(get(), &i));
+    return i;
+  }
+  void save(const std::string &path) const { check(gpurt_photon_map_save(get(), path.c_str())); }
+
+  /// How many points are within the radius of each place.
+  std::vector<uint32_t> count(const std::vector<float> &places, float radius) const
+  {
+    gpurt_photon_query_desc desc = query_desc(places, GPURT_PHOTON_QUERY_COUNT, radius);
+    std::vector<uint32_t> counts(desc.num_queries);
+    desc.counts = counts.data();
+    query(desc);
+    return counts;
+  }
+  /// The weighed sums of their fluxes, three values a place.
+  std::vector<float> sum(const std::vector<float> &places, float radius,
+                         gpurt_gather_kernel kernel = GPURT_GATHER_KERNEL_CONSTANT) const
+  {
+    gpurt_photon_query_desc desc = query_desc(places, GPURT_PHOTON_QUERY_SUM, radius);
+    desc.kernel = kernel;
+    std::vector<float> sums(places.size());
+    desc.sums = sums.data();
+    query(desc);
+    return sums;
+  }
+  /// Which they are: those of place i are ids[offsets[i]] to ids[offsets[i + 1]].
+  struct Lists {
+    std::vector<uint64_t> offsets;
+    std::vector<uint32_t> ids;
+    std::vector<float> distances;
+  };
+  Lists list(const std::vector<float> &places, float radius) const
+  {
+    gpurt_photon_query_desc desc = query_desc(places, GPURT_PHOTON_QUERY_LIST, radius);
+    Lists lists;
+    lists.offsets.resize(desc.num_queries + 1);
+    desc.offsets = lists.offsets.data();
+    query(desc);  // counts
+    desc.capacity = lists.offsets.back();
+    lists.ids.resize(desc.capacity);
+    lists.distances.resize(desc.capacity);
+    if (desc.capacity != 0) {
+      desc.ids = lists.ids.data();
+      desc.distances = lists.distances.data();
+      query(desc);
+    }
+    return lists;
+  }
+  /// The k nearest to each place, sorted: counts[i] of ids[i * k] and what follows; the rest is GPURT_INVALID_ID.
+  struct Nearest {
+    std::vector<uint32_t> counts, ids;
+    std::vector<float> distances;
+  };
+  /// Radius 0: however far away.
+  Nearest nearest(const std::vector<float> &places, uint32_t k, float radius = 0) const
+  {
+    gpurt_photon_query_desc desc = query_desc(places, GPURT_PHOTON_QUERY_NEAREST, radius);
+    Nearest found;
+    found.counts.resize(desc.num_queries);
+    found.ids.resize(desc.num_queries * k);
+    found.distances.resize(desc.num_queries * k);
+    desc.k = k;
+    desc.counts = found.counts.data();
+    desc.ids = found.ids.data();
+    desc.distances = found.distances.data();
+    query(desc);
+    return found;
+  }
+  void query(const gpurt_photon_query_desc &desc) const { check(gpurt_photon_map_query(get(), &desc)); }
+
+ private:
+  static gpurt_photon_query_desc query_desc(const std::vector<float> &places, gpurt_photon_query query,
+                                            float radius)
+  {
+    if (places.size() % 3 != 0) {
+      throw Error(GPURT_ERROR_INVALID_ARGUMENT,
+                  "places have " + std::to_string(places.size()) + " values, which is no multiple of 3");
+    }
+    gpurt_photon_query_desc desc = GPURT_PHOTON_QUERY_DESC_INIT;
+    desc.query = query;
+    desc.num_queries = places.size() / 3;
+    desc.positions = places.data();
+    desc.radius = radius;
+    return desc;
+  }
+};
+
 class Device : public Handle<gpurt_device, gpurt_device_retain, gpurt_device_release> {
  public:
   Device() = default;
@@ -431,6 +529,35 @@ class Device : public Handle<gpurt_device, gpurt_device_retain, gpurt_device_rel
     gpurt_scene s = nullptr;
     check(gpurt_scene_load(get(), path.c_str(), &s));
     return Scene(s);
+  }
+
+  PhotonMap photon_map(const gpurt_photon_map_desc &desc) const
+  {
+    gpurt_photon_map m = nullptr;
+    check(gpurt_photon_map_create(get(), &desc, &m));
+    return PhotonMap(m);
+  }
+  /// From flat arrays of x y z, and of red green blue or nothing.
+  PhotonMap photon_map(const std::vector<float> &positions, const std::vector<float> &fluxes = {},
+                       float radius = 0) const
+  {
+    if (positions.size() % 3 != 0 || (!fluxes.empty() && fluxes.size() != positions.size())) {
+      throw Error(GPURT_ERROR_INVALID_ARGUMENT,
+                  "positions and fluxes have " + std::to_string(positions.size()) + " and " +
+                      std::to_string(fluxes.size()) + " values, not three a point");
+    }
+    gpurt_photon_map_desc desc = GPURT_PHOTON_MAP_DESC_INIT;
+    desc.num_points = positions.size() / 3;
+    desc.positions = positions.data();
+    desc.fluxes = fluxes.empty() ? nullptr : fluxes.data();
+    desc.radius = radius;
+    return photon_map(desc);
+  }
+  PhotonMap load_photon_map(const std::string &path) const
+  {
+    gpurt_photon_map m = nullptr;
+    check(gpurt_photon_map_load(get(), path.c_str(), &m));
+    return PhotonMap(m);
   }
 
   Buffer buffer(const gpurt_buffer_desc &desc) const

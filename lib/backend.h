@@ -154,10 +154,12 @@ struct PhotonPilot {
 /// One pass: units in any order, on all workers of the backend.
 struct RenderPass {
   PathSettings settings;
-  uint32_t outputs = 0;  // bits 1 << gpurt_output that the film has arrays for
+  uint32_t outputs = 0;  // what the film has arrays for: bits of TileFilm::outputs
   std::span<const WorkUnit> units;
   // Photon mapping: every sample of a unit is a pass, and there are no more than most_photon_passes(). Null: path tracing.
   const PhotonRequest *photon = nullptr;
+  // Photon mapping with a memory: what each pixel of the frame has, row by row, as its last delivered unit left it. Else null.
+  const PixelStatistics *statistics = nullptr;
   const ReyesSettings *reyes = nullptr;          // REYES: resolved settings; null: another pipeline
   Schedule schedule;                             // resolved
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
@@ -174,6 +176,8 @@ class CommittedScene {
   virtual void render(const RenderPass &pass) const = 0;
   /// Throws UNSUPPORTED where the device has no photon mapping.
   virtual void require_photons() const;
+  /// Throws UNSUPPORTED where photon mapping cannot keep statistics of pixels from pass to pass.
+  virtual void require_photon_statistics() const;
   /// Samples that units of photon mapping may have.
   virtual uint64_t most_photon_passes() const { return 1; }
   /// Traces num_photons and finds the visible points of pixels in points_per_axis^2 places of the image. The same bits on
@@ -197,6 +201,14 @@ inline void CommittedScene::require_photons() const
        "GPURT_PIPELINE_PHOTON is not supported by this device; use a CPU or CUDA device, or "
        "GPURT_PIPELINE_PATH "
        "with more samples per pixel where caustics matter");
+}
+
+inline void CommittedScene::require_photon_statistics() const
+{
+  fail(GPURT_ERROR_UNSUPPORTED,
+       "photon.estimator is not supported by this device: it keeps statistics of pixels from pass to pass; "
+       "use "
+       "GPURT_PHOTON_ESTIMATOR_MEMORYLESS");
 }
 
 inline PhotonPilot CommittedScene::photon_pilot(const PathSettings &, const EmissionView &, uint32_t,

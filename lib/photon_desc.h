@@ -12,7 +12,7 @@ inline gpurt_photon_settings describe(const PhotonSettings &s)
   if (s.photons_per_pass == 0) return d;  // of another pipeline
   d.photons_per_pass = s.photons_per_pass;
   d.initial_radius = s.initial_radius;
-  d.estimator = GPURT_PHOTON_ESTIMATOR_MEMORYLESS;
+  d.estimator = gpurt_photon_estimator(s.estimator);
   d.kernel = gpurt_photon_kernel(s.kernel);
   d.remedies = s.remedies != 0 ? s.remedies : uint32_t(GPURT_PHOTON_REMEDY_NONE);
   return d;
@@ -31,6 +31,8 @@ inline gpurt_photon_counters describe(const PhotonCounters &c)
   d.build_seconds = c.build_seconds;
   d.gather_seconds = c.gather_seconds;
   d.smallest_radius = c.smallest_radius;
+  d.emit_seconds = c.emit_seconds;
+  d.scatter_seconds = c.scatter_seconds;
   return d;
 }
 

@@ -14,7 +14,8 @@ struct PhotonCounters {
   uint64_t num_emitted = 0, num_rays = 0, num_stored = 0, num_gathered = 0, num_visible = 0,
            num_sub_passes = 0;
   double trace_seconds = 0, build_seconds = 0, gather_seconds = 0;
-  double smallest_radius = 0;  // 0: none yet
+  double smallest_radius = 0;                    // 0: none yet
+  double emit_seconds = 0, scatter_seconds = 0;  // of trace_seconds
 
   void add(const PhotonCounters &other)
   {
@@ -27,6 +28,8 @@ struct PhotonCounters {
     trace_seconds += other.trace_seconds;
     build_seconds += other.build_seconds;
     gather_seconds += other.gather_seconds;
+    emit_seconds += other.emit_seconds;
+    scatter_seconds += other.scatter_seconds;
     if (other.smallest_radius > 0 && (smallest_radius == 0 || other.smallest_radius < smallest_radius))
       smallest_radius = other.smallest_radius;
   }
@@ -71,6 +74,7 @@ inline PhotonPass make_photon_pass(const PhotonSettings &settings, const Emissio
   pass.num_emitted = emission.cdf ? settings.photons_per_pass : 0;
   pass.kernel = settings.kernel;
   pass.remedies = settings.remedies;
+  pass.estimator = settings.estimator;
   const double radius = double(settings.initial_radius) * std::sqrt(photon_radius2_share(index));
   const float extent = max_component(abs(emission.center)) + emission.radius;
   pass.radius = std::max(float(radius), extent * 0x1p-20f);

@@ -8,6 +8,9 @@
 
 namespace gpurt {
 
+/// Bits of TileFilm::outputs that no gpurt_output has: sums that say what photon mapping's error is, and what it remembers.
+constexpr uint32_t film_errors = 1u << 30, film_statistics = 1u << 31;
+
 /// Film arrays in host memory; the optional ones are empty unless asked for.
 struct TileFilm {
   uint32_t width = 0, height = 0;

@@ -40,6 +40,12 @@ FrameSettings resolve(const gpurt_frame_desc &desc, const CompiledScene &scene)
     fail(GPURT_ERROR_UNSUPPORTED,
          "GPURT_OUTPUT_TIME is not supported by this version; leave its bit out of outputs");
   }
+  for (const gpurt_output output : {GPURT_OUTPUT_BIAS, GPURT_OUTPUT_ERROR}) {
+    if (desc.outputs & 1u << output) {
+      fail(GPURT_ERROR_UNSUPPORTED, "{} is not supported by this version; leave its bit out of outputs",
+           output == GPURT_OUTPUT_BIAS ? "GPURT_OUTPUT_BIAS" : "GPURT_OUTPUT_ERROR");
+    }
+  }
   const CameraData &camera = scene.cameras[desc.camera];
   FrameSettings settings;
   settings.width = checked_size(desc.width, camera.width, "width");
@@ -343,6 +349,7 @@ void Frame::statistics(gpurt_statistics &out) const
   out.film_seconds = c.film_seconds;
   out.build_seconds = scene_.build_seconds;
   out.estimated_error = error;
+  out.estimated_bias = t.pipeline == GPURT_PIPELINE_PHOTON || error < 0 ? -1 : 0;
   out.largest_sample = double(c.largest_sample);
   out.memory_peak_bytes = scene_.memory ? scene_.memory->peak() : 0;
   out.schedule = last_schedule_;

@@ -33,6 +33,8 @@ std::vector<Layer> layers_of(uint32_t outputs)
       {GPURT_OUTPUT_INSTANCE, {{"instance", uint}}},
       {GPURT_OUTPUT_SAMPLE_COUNT, {{"sampleCount", uint}}},
       {GPURT_OUTPUT_VARIANCE, {{"variance.R"}, {"variance.G"}, {"variance.B"}}},
+      {GPURT_OUTPUT_BIAS, {{"bias.R"}, {"bias.G"}, {"bias.B"}}},
+      {GPURT_OUTPUT_ERROR, {{"error.R"}, {"error.G"}, {"error.B"}}},
   };
   std::vector<Layer> kept;
   for (const Layer &layer : all) {

@@ -52,6 +52,10 @@ const char *output_name(gpurt_output output)
       return "variance";
     case GPURT_OUTPUT_TIME:
       return "time";
+    case GPURT_OUTPUT_BIAS:
+      return "bias";
+    case GPURT_OUTPUT_ERROR:
+      return "error";
     default:
       return "unknown output";
   }
@@ -65,6 +69,8 @@ uint32_t num_components(gpurt_output output)
     case GPURT_OUTPUT_ALBEDO:
     case GPURT_OUTPUT_POSITION:
     case GPURT_OUTPUT_VARIANCE:
+    case GPURT_OUTPUT_BIAS:
+    case GPURT_OUTPUT_ERROR:
       return 3;
     default:
       return 1;

@@ -21,7 +21,7 @@ static_assert(sizeof(PixelSums) == 112 && sizeof(PixelFeatures) == 48 && sizeof(
               "the file holds these as they lie in memory: a change of layout needs a new format_version");
 
 constexpr char magic[8] = {'g', 'p', 'u', 'r', 't', 'f', 'r', 'm'};
-constexpr uint32_t format_version = 3;
+constexpr uint32_t format_version = 4;
 constexpr uint32_t library_version =
     GPURT_VERSION_MAJOR << 16 | GPURT_VERSION_MINOR << 8 | GPURT_VERSION_PATCH;
 
@@ -49,10 +49,9 @@ struct Header {
   PhotonSettings photon;
   float reyes_shading_rate;
   uint32_t reyes_filter, reyes_shading, reyes_no_shadows;
-  uint32_t reserved;
 };
-static_assert(sizeof(PhotonCounters) == 80 && sizeof(PhotonSettings) == 16);
-static_assert(sizeof(Header) == 16 + 15 * 8 + 80 + sizeof(Camera) + 15 * 4 + 16 && sizeof(Header) % 8 == 0,
+static_assert(sizeof(PhotonCounters) == 96 && sizeof(PhotonSettings) == 20);
+static_assert(sizeof(Header) == 16 + 15 * 8 + 96 + sizeof(Camera) + 14 * 4 + 20 && sizeof(Header) % 8 == 0,
               "padding would be written");
 
 // Four lanes of multiply and rotate over 64-bit words. Each step is a bijection of its lane, so any damage within one

@@ -17,6 +17,13 @@ class MultiScene final : public CommittedScene, public StreamTracing {
   void render(const RenderPass &pass) const override;
   void require_reyes() const override { scenes_[0]->require_reyes(); }
   void require_photons() const override { scenes_[0]->require_photons(); }
+  void require_photon_statistics() const override
+  {
+    fail(
+        GPURT_ERROR_UNSUPPORTED,
+        "photon.estimator is not supported by several devices that work as one: each pass needs what the one "
+        "before left in the pixels; use one device, or GPURT_PHOTON_ESTIMATOR_MEMORYLESS");
+  }
   uint64_t most_photon_passes() const override { return scenes_.size() * scenes_[0]->most_photon_passes(); }
   PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
                            uint32_t points_per_axis) const override;

@@ -296,7 +296,9 @@ FIELD(gpurt_photon_counters, trace_seconds, 48);
 FIELD(gpurt_photon_counters, build_seconds, 56);
 FIELD(gpurt_photon_counters, gather_seconds, 64);
 FIELD(gpurt_photon_counters, smallest_radius, 72);
-FIELD(gpurt_photon_counters, reserved, 80);
+FIELD(gpurt_photon_counters, emit_seconds, 80);
+FIELD(gpurt_photon_counters, scatter_seconds, 88);
+FIELD(gpurt_photon_counters, reserved, 96);
 
 SIZE(gpurt_reyes_settings, 24);
 FIELD(gpurt_reyes_settings, shading_rate, 0);
@@ -337,7 +339,7 @@ FIELD(gpurt_render_desc, schedule, 48);
 FIELD(gpurt_render_desc, photon, 88);
 FIELD(gpurt_render_desc, reyes, 112);
 
-SIZE(gpurt_statistics, 928);
+SIZE(gpurt_statistics, 936);
 FIELD(gpurt_statistics, struct_size, 0);
 FIELD(gpurt_statistics, pipeline, 4);
 FIELD(gpurt_statistics, accel, 8);
@@ -372,6 +374,7 @@ FIELD(gpurt_statistics, photon, 608);
 FIELD(gpurt_statistics, photon_counters, 632);
 FIELD(gpurt_statistics, reyes, 744);
 FIELD(gpurt_statistics, reyes_counters, 768);
+FIELD(gpurt_statistics, estimated_bias, 928);
 
 SIZE(gpurt_state_info, 120);
 FIELD(gpurt_state_info, struct_size, 0);
@@ -517,7 +520,9 @@ VALUE(GPURT_OUTPUT_INSTANCE, 7);
 VALUE(GPURT_OUTPUT_SAMPLE_COUNT, 8);
 VALUE(GPURT_OUTPUT_VARIANCE, 9);
 VALUE(GPURT_OUTPUT_TIME, 10);
-VALUE(GPURT_OUTPUT_COUNT, 11);
+VALUE(GPURT_OUTPUT_BIAS, 11);
+VALUE(GPURT_OUTPUT_ERROR, 12);
+VALUE(GPURT_OUTPUT_COUNT, 13);
 SIZE(gpurt_output, 4);
 
 VALUE(GPURT_PIPELINE_AUTO, 0);

@@ -51,6 +51,29 @@ TEST(Wrapper, TracesAndRenders)
   EXPECT_EQ(job.progress(), 1.0);
 }
 
+TEST(Wrapper, FindsPointsNearPlaces)
+{
+  const gpurt::Device device(GPURT_DEVICE_CPU);
+  const std::vector<float> points = {0, 0, 0, 1, 0, 0, 1, 1, 0, 5, 5, 5}, places = {0, 0.1f, 0, 5, 5, 4.9f};
+  const gpurt::PhotonMap map = device.photon_map(points, std::vector<float>(12, 2.0f), 1.2f);
+  EXPECT_EQ(map.info().num_points, 4u);
+  EXPECT_EQ(map.count(places, 1.2f), (std::vector<uint32_t>{2, 1}));
+  EXPECT_EQ(map.sum(places, 1.2f), (std::vector<float>{4, 4, 4, 2, 2, 2}));
+  const auto lists = map.list(places, 1.2f);
+  EXPECT_EQ(lists.offsets, (std::vector<uint64_t>{0, 2, 3}));
+  EXPECT_EQ(lists.ids[2], 3u);
+  const auto nearest = map.nearest(places, 3);
+  EXPECT_EQ(nearest.counts, (std::vector<uint32_t>{3, 3}));
+  EXPECT_EQ(nearest.ids[0], 0u);
+  EXPECT_NEAR(nearest.distances[3], 0.1f, 1e-6f);
+  const std::string path = testing::TempDir() + "/wrapper.gpurtpm";
+  map.save(path);
+  EXPECT_EQ(device.load_photon_map(path).count(places, 1.2f), map.count(places, 1.2f));
+  std::remove(path.c_str());
+  EXPECT_THROW(map.count({1, 2}, 1), gpurt::Error);
+  EXPECT_THROW(device.photon_map({1, 2}), gpurt::Error);
+}
+
 TEST(Wrapper, ExceptionsCarryResultAndText)
 {
   const gpurt::Device device(GPURT_DEVICE_CPU);

@@ -152,14 +152,17 @@ inline void fill_everything(gpurt_scene scene)
   add_camera(scene, {0, 0.2f, 4.5f}, 0.8f);
 }
 
-constexpr uint32_t all_outputs = ((1u << GPURT_OUTPUT_COUNT) - 1) & ~(1u << GPURT_OUTPUT_TIME);
+constexpr uint32_t error_outputs = 1u << GPURT_OUTPUT_BIAS | 1u << GPURT_OUTPUT_ERROR;  // of photon mapping
+constexpr uint32_t all_outputs =
+    ((1u << GPURT_OUTPUT_COUNT) - 1) & ~(1u << GPURT_OUTPUT_TIME) & ~error_outputs;
 
 struct OutputBits {
   const char *name;
   std::vector<uint32_t> words;
 };
 
-inline std::vector<OutputBits> read_all(gpurt_frame frame, const RenderOptions &o)
+inline std::vector<OutputBits> read_all(gpurt_frame frame, const RenderOptions &o,
+                                        uint32_t wanted = all_outputs)
 {
   const struct {
     gpurt_output output;
@@ -174,9 +177,12 @@ inline std::vector<OutputBits> read_all(gpurt_frame frame, const RenderOptions &
                  {GPURT_OUTPUT_PRIMITIVE, "primitive", 1},
                  {GPURT_OUTPUT_INSTANCE, "instance", 1},
                  {GPURT_OUTPUT_SAMPLE_COUNT, "sample count", 1},
-                 {GPURT_OUTPUT_VARIANCE, "variance", 3}};
+                 {GPURT_OUTPUT_VARIANCE, "variance", 3},
+                 {GPURT_OUTPUT_BIAS, "bias", 3},
+                 {GPURT_OUTPUT_ERROR, "error", 3}};
   std::vector<OutputBits> all;
   for (const auto &out : outputs) {
+    if (!(wanted & 1u << out.output)) continue;
     std::vector<uint32_t> words(size_t(o.width) * o.height * out.components);
     GPURT_EXPECT_OK(gpurt_frame_read(frame, out.output, words.data(), words.size() * sizeof(uint32_t)));
     all.push_back({out.name, std::move(words)});

@@ -34,6 +34,10 @@ constexpr Named pipelines[] = {{"auto", GPURT_PIPELINE_AUTO},
                                {"photon", GPURT_PIPELINE_PHOTON},
                                {"reyes", GPURT_PIPELINE_REYES},
                                {"hybrid", GPURT_PIPELINE_HYBRID}};
+constexpr Named estimators[] = {{"auto", GPURT_PHOTON_ESTIMATOR_AUTO},
+                                {"memoryless", GPURT_PHOTON_ESTIMATOR_MEMORYLESS},
+                                {"per-pixel", GPURT_PHOTON_ESTIMATOR_PER_PIXEL},
+                                {"adaptive", GPURT_PHOTON_ESTIMATOR_ADAPTIVE}};
 constexpr Named kernels[] = {{"auto", GPURT_PHOTON_KERNEL_AUTO},
                              {"constant", GPURT_PHOTON_KERNEL_CONSTANT},
                              {"cone", GPURT_PHOTON_KERNEL_CONE}};
@@ -161,6 +165,14 @@ void PhotonOptions::add_to(CLI::App &command)
       ->check(CLI::NonNegativeNumber)
       ->type_name("R")
       ->capture_default_str();
+  command
+      .add_option(
+          "--photon-estimator", estimator,
+          "photon mapping: memoryless, whose passes can be merged; per-pixel or adaptive, whose radii "
+          "depend on the pixel")
+      ->check(one_of(estimators))
+      ->type_name("NAME")
+      ->capture_default_str();
   command.add_option("--photon-kernel", kernel, "photon mapping: auto, constant or cone")
       ->check(one_of(kernels))
       ->type_name("NAME")
@@ -181,6 +193,7 @@ gpurt_photon_settings PhotonOptions::settings() const
   gpurt_photon_settings settings = GPURT_PHOTON_SETTINGS_INIT;
   settings.photons_per_pass = photons;
   settings.initial_radius = radius;
+  settings.estimator = gpurt_photon_estimator(value_in(estimators, estimator, "--photon-estimator"));
   settings.kernel = gpurt_photon_kernel(value_in(kernels, kernel, "--photon-kernel"));
   for (const std::string &name : remedies) {
     if (name == "all") {
@@ -248,6 +261,7 @@ std::string in_options(std::string text)
       {"num_threads", "--threads"},
       {"photon.photons_per_pass", "--photons"},
       {"photon.initial_radius", "--radius"},
+      {"photon.estimator", "--photon-estimator"},
       {"photon.kernel", "--photon-kernel"},
       {"photon.remedies", "--photon-remedies"},
       {"samples_per_pixel", "--spp"},

@@ -25,6 +25,7 @@ struct DeviceOptions {
 struct PhotonOptions {
   uint32_t photons = 0;
   float radius = 0;
+  std::string estimator = "auto";
   std::string kernel = "auto";
   std::vector<std::string> remedies;
 

@@ -28,11 +28,28 @@ struct PixelFirstHit {
   uint32_t is_set;
 };
 
+// What samples of photon mapping say about their own error, where that is wanted.
+struct PixelErrors {
+  FixedSum bias[2][3];     // what the blur adds to a sample, estimated: of even and odd samples
+  FixedSum corrected2[3];  // squares of samples less that, times error_square_scale
+  uint32_t num_unbounded;  // samples too large for these sums: then the error is not known
+  uint32_t padding;
+};
+
+// What photon mapping with a memory keeps of a pixel from pass to pass; see core/photon/estimator.h.
+struct PixelStatistics {
+  double radius2;
+  double count;
+  double sums[6];
+};
+
 struct FilmView {
   PixelSums *pixels;          // [height][width]
   PixelFeatures *features;    // or null
   PixelFirstHit *first_hits;  // or null
   uint32_t width, height;
+  PixelErrors *errors = nullptr;          // or null
+  PixelStatistics *statistics = nullptr;  // or null
 };
 
 GPURT_FUNCTIONS_BEGIN
@@ -61,6 +78,36 @@ GPURT_INLINE void add_sample(PixelSums &sums, uint64_t sample, Vec3f radiance, b
   add(sums.color[half][2], fixed_sum_from(radiance.z));
   sums.num_samples[half]++;
   sums.num_covered += covered ? 1 : 0;
+}
+
+// Squares are kept of radiances from 2^-24 up to 2^23.
+constexpr float error_square_scale = 0x1p-16f, error_limit = 0x1p23f;
+
+GPURT_INLINE void add(PixelErrors &sums, const PixelErrors &other)
+{
+  for (int c = 0; c < 3; ++c) {
+    for (int h = 0; h < 2; ++h) add(sums.bias[h][c], other.bias[h][c]);
+    add(sums.corrected2[c], other.corrected2[c]);
+  }
+  sums.num_unbounded += other.num_unbounded;
+}
+
+// Adds what a sample that add_sample takes says about its error.
+GPURT_INLINE void add_sample_error(PixelErrors &sums, uint64_t sample, Vec3f radiance, Vec3f bias)
+{
+  const Vec3f corrected = radiance - bias;
+  if (!(max_component(abs(radiance)) <= fixed_sum_limit) || !is_finite(radiance)) return;
+  if (!(max_component(abs(bias)) <= error_limit && max_component(abs(corrected)) <= error_limit) ||
+      !is_finite(bias)) {
+    sums.num_unbounded++;
+    return;
+  }
+  const int half = int(sample & 1);
+  const float b[3] = {bias.x, bias.y, bias.z}, x[3] = {corrected.x, corrected.y, corrected.z};
+  for (int c = 0; c < 3; ++c) {
+    add(sums.bias[half][c], fixed_sum_from(b[c]));
+    add(sums.corrected2[c], fixed_sum_from(x[c] * error_square_scale * x[c]));
+  }
 }
 
 GPURT_INLINE int64_t feature_from(float x) { return int64_t(clamp(x, -1.0f, 1.0f) * 0x1p32f); }

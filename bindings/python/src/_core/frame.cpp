@@ -46,7 +46,7 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
                             double time_limit, uint32_t max_depth, uint32_t tile_size,
                             const py::object &tiles, const py::object &progress,
                             const std::array<uint64_t, 7> &schedule,
-                            const std::tuple<uint32_t, float, int, uint32_t> &photon,
+                            const std::tuple<uint32_t, float, int, int, uint32_t> &photon,
                             const std::tuple<float, int, int, uint32_t> &reyes)
 {
   auto job = std::make_unique<Job>(CallbackId(progress));
@@ -64,8 +64,10 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
   desc.schedule.shading = static_cast<gpurt_shading>(schedule[4]);
   desc.schedule.generation = static_cast<gpurt_generation>(schedule[5]);
   desc.schedule.ray_budget = schedule[6];
-  int kernel = 0;
-  std::tie(desc.photon.photons_per_pass, desc.photon.initial_radius, kernel, desc.photon.remedies) = photon;
+  int estimator = 0, kernel = 0;
+  std::tie(desc.photon.photons_per_pass, desc.photon.initial_radius, estimator, kernel,
+           desc.photon.remedies) = photon;
+  desc.photon.estimator = static_cast<gpurt_photon_estimator>(estimator);
   desc.photon.kernel = static_cast<gpurt_photon_kernel>(kernel);
   int filter = 0, shading = 0;
   std::tie(desc.reyes.shading_rate, filter, shading, desc.reyes.no_shadows) = reyes;
@@ -131,7 +133,8 @@ py::dict get_statistics(const Frame &frame)
       "trace_seconds"_a = s.trace_seconds, "shade_seconds"_a = s.shade_seconds,
       "shadow_seconds"_a = s.shadow_seconds, "film_seconds"_a = s.film_seconds,
       "build_seconds"_a = s.build_seconds, "estimated_error"_a = s.estimated_error,
-      "largest_sample"_a = s.largest_sample, "memory_peak"_a = s.memory_peak_bytes, "reason"_a = s.reason,
+      "estimated_bias"_a = s.estimated_bias, "largest_sample"_a = s.largest_sample,
+      "memory_peak"_a = s.memory_peak_bytes, "reason"_a = s.reason,
       "schedule"_a = py::dict(
           "traversal"_a = static_cast<int>(schedule.traversal),
           "launch"_a = static_cast<int>(schedule.launch), "fetch"_a = static_cast<int>(schedule.fetch),
@@ -147,13 +150,15 @@ py::dict get_statistics(const Frame &frame)
                    "path_refills"_a = counters.path_refills),
       "photon"_a =
           py::dict("photons_per_pass"_a = photon.photons_per_pass, "initial_radius"_a = photon.initial_radius,
+                   "estimator"_a = static_cast<int>(photon.estimator),
                    "kernel"_a = static_cast<int>(photon.kernel), "remedies"_a = photon.remedies),
-      "photon_counters"_a = py::dict(
-          "num_emitted"_a = photons.num_emitted, "num_rays"_a = photons.num_rays,
-          "num_stored"_a = photons.num_stored, "num_gathered"_a = photons.num_gathered,
-          "num_visible"_a = photons.num_visible, "num_sub_passes"_a = photons.num_sub_passes,
-          "trace_seconds"_a = photons.trace_seconds, "build_seconds"_a = photons.build_seconds,
-          "gather_seconds"_a = photons.gather_seconds, "smallest_radius"_a = photons.smallest_radius),
+      "photon_counters"_a =
+          py::dict("num_emitted"_a = photons.num_emitted, "num_rays"_a = photons.num_rays,
+                   "num_stored"_a = photons.num_stored, "num_gathered"_a = photons.num_gathered,
+                   "num_visible"_a = photons.num_visible, "num_sub_passes"_a = photons.num_sub_passes,
+                   "trace_seconds"_a = photons.trace_seconds, "build_seconds"_a = photons.build_seconds,
+                   "gather_seconds"_a = photons.gather_seconds, "smallest_radius"_a = photons.smallest_radius,
+                   "emit_seconds"_a = photons.emit_seconds, "scatter_seconds"_a = photons.scatter_seconds),
       "reyes"_a =
           py::dict("shading_rate"_a = s.reyes.shading_rate, "filter"_a = static_cast<int>(s.reyes.filter),
                    "shading"_a = static_cast<int>(s.reyes.shading), "shadows"_a = s.reyes.no_shadows == 0),

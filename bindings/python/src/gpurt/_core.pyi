@@ -198,7 +198,7 @@ class Frame:
         tiles: Optional[Array],
         progress: Optional[Callback],
         schedule: Sequence[int],
-        photon: Tuple[int, float, int, int],
+        photon: Tuple[int, float, int, int, int],
         reyes: Tuple[float, int, int, int],
     ) -> Job: ...
     def read(self, output: int, data: Array) -> None: ...

@@ -41,7 +41,7 @@ GATHER_METHOD = Names("method", "grid", "node_lists")
 COHERENCE = Names("coherence", "auto", "coherent", "incoherent")
 HIT_FORMAT = Names("format", "full", "compact")
 OUTPUT = Names("outputs", "color", "alpha", "depth", "normal", "albedo", "position", "primitive", "instance",
-               "sample_count", "variance", "time")
+               "sample_count", "variance", "time", "bias", "error")
 SCHEDULE = {
     "traversal": Names("traversal", "auto", "stack", "leaf_lists", "uber"),
     "launch": Names("launch", "auto", "regular", "persistent"),
@@ -50,6 +50,7 @@ SCHEDULE = {
     "shading": Names("shading", "auto", "immediate", "sorted"),
     "generation": Names("generation", "auto", "slots", "counted", "refilled"),
 }
+PHOTON_ESTIMATOR = Names("estimator", "auto", "memoryless", "per_pixel", "adaptive")
 PHOTON_KERNEL = Names("kernel", "auto", "constant", "cone")
 PHOTON_REMEDY = Names("remedies", "normal", "plane", "side", "boundary")
 REYES_FILTER = Names("filter", "auto", "box", "gaussian", "mitchell")

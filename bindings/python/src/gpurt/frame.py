@@ -13,7 +13,7 @@ import numpy as np
 from gpurt import _core
 from gpurt._arrays import Array, PathLike, as_array, shape_text, to_count, to_number, to_path, to_uint32
 from gpurt._callbacks import Callback, check_callable
-from gpurt._names import (ACCEL, OUTPUT, PHOTON_KERNEL, PHOTON_REMEDY, PIPELINE, REYES_FILTER, REYES_SHADING, SCHEDULE,
+from gpurt._names import (ACCEL, OUTPUT, PHOTON_ESTIMATOR, PHOTON_KERNEL, PHOTON_REMEDY, PIPELINE, REYES_FILTER, REYES_SHADING, SCHEDULE,
                           TRIANGLE_TEST)
 from gpurt.device import refuse_pickling
 from gpurt.errors import Cancelled, Error, InvalidArgument, Timeout
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 _OUTPUT_SHAPE = {
     "color": (3, np.float32), "alpha": (0, np.float32), "depth": (0, np.float32), "normal": (3, np.float32),
     "albedo": (3, np.float32), "position": (3, np.float32), "primitive": (0, np.uint32), "instance": (0, np.uint32),
-    "sample_count": (0, np.uint32), "variance": (3, np.float32), "time": (0, np.float32),
+    "sample_count": (0, np.uint32), "variance": (3, np.float32), "time": (0, np.float32), "bias": (3, np.float32),
+    "error": (3, np.float32),
 }
 # Kept by every frame.
 _ALWAYS = ("color", "alpha", "sample_count")
@@ -62,7 +63,8 @@ class Statistics:
     shadow_seconds: float
     film_seconds: float
     build_seconds: float  #: of the scene's commit
-    estimated_error: float  #: relMSE of the frame, from two independent halves; negative: not known
+    estimated_error: float  #: relMSE of the frame, noise and known bias; negative: not known
+    estimated_bias: float  #: the part of it that is bias; negative: not known
     largest_sample: float  #: largest radiance of a single sample
     memory_peak: int  #: bytes
     reason: str  #: why settings were chosen
@@ -88,11 +90,12 @@ def _schedule_values(schedule: Optional[Mapping[str, Any]]) -> List[int]:
 _NO_REMEDY = 1 << len(PHOTON_REMEDY.names)  # GPURT_PHOTON_REMEDY_NONE
 
 
-def _photon_values(photon: Optional[Mapping[str, Any]]) -> Tuple[int, float, int, int]:
-    """photons_per_pass, initial_radius, kernel and remedies of gpurt_photon_settings."""
+def _photon_values(photon: Optional[Mapping[str, Any]]) -> Tuple[int, float, int, int, int]:
+    """photons_per_pass, initial_radius, estimator, kernel and remedies of gpurt_photon_settings."""
     given = dict(photon or {})
     count = to_count(given.pop("photons_per_pass", 0), "photons_per_pass")
     radius = to_number(given.pop("initial_radius", 0), "initial_radius")
+    estimator = PHOTON_ESTIMATOR.value(given.pop("estimator", "auto"))
     kernel = PHOTON_KERNEL.value(given.pop("kernel", "auto"))
     remedies = given.pop("remedies", None)
     bits = 0
@@ -102,8 +105,8 @@ def _photon_values(photon: Optional[Mapping[str, Any]]) -> Tuple[int, float, int
         bits = bits or _NO_REMEDY
     if given:
         raise InvalidArgument(f"photon: {next(iter(given))!r} is none of 'photons_per_pass', 'initial_radius', "
-                              "'kernel', 'remedies'")
-    return count, radius, kernel, bits
+                              "'estimator', 'kernel', 'remedies'")
+    return count, radius, estimator, kernel, bits
 
 
 def _photon_names(values: Mapping[str, Any]) -> Dict[str, Any]:
@@ -111,7 +114,8 @@ def _photon_names(values: Mapping[str, Any]) -> Dict[str, Any]:
     if not values["photons_per_pass"]:
         return {}
     remedies = tuple(name for i, name in enumerate(PHOTON_REMEDY.names) if values["remedies"] >> i & 1)
-    return {**values, "kernel": PHOTON_KERNEL.name(values["kernel"]), "remedies": remedies}
+    return {**values, "estimator": PHOTON_ESTIMATOR.name(values["estimator"]),
+            "kernel": PHOTON_KERNEL.name(values["kernel"]), "remedies": remedies}
 
 
 def _reyes_values(reyes: Optional[Mapping[str, Any]]) -> Tuple[float, int, int, int]:

@@ -756,7 +756,9 @@ pub const GPURT_OUTPUT_INSTANCE: gpurt_output = 7;
 pub const GPURT_OUTPUT_SAMPLE_COUNT: gpurt_output = 8;
 pub const GPURT_OUTPUT_VARIANCE: gpurt_output = 9;
 pub const GPURT_OUTPUT_TIME: gpurt_output = 10;
-pub const GPURT_OUTPUT_COUNT: gpurt_output = 11;
+pub const GPURT_OUTPUT_BIAS: gpurt_output = 11;
+pub const GPURT_OUTPUT_ERROR: gpurt_output = 12;
+pub const GPURT_OUTPUT_COUNT: gpurt_output = 13;
 pub const GPURT_OUTPUT_FORCE32: gpurt_output = 2147483647;
 pub type gpurt_output = ::std::os::raw::c_uint;
 #[repr(C)]
@@ -840,7 +842,9 @@ pub struct gpurt_photon_counters {
     pub build_seconds: f64,
     pub gather_seconds: f64,
     pub smallest_radius: f64,
-    pub reserved: [u64; 4usize],
+    pub emit_seconds: f64,
+    pub scatter_seconds: f64,
+    pub reserved: [u64; 2usize],
 }
 pub const GPURT_REYES_FILTER_AUTO: gpurt_reyes_filter = 0;
 pub const GPURT_REYES_FILTER_BOX: gpurt_reyes_filter = 1;
@@ -1012,6 +1016,7 @@ pub struct gpurt_statistics {
     pub photon_counters: gpurt_photon_counters,
     pub reyes: gpurt_reyes_settings,
     pub reyes_counters: gpurt_reyes_counters,
+    pub estimated_bias: f64,
 }
 extern "C" {
     pub fn gpurt_frame_get_statistics(

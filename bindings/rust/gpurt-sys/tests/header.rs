@@ -207,7 +207,7 @@ macro_rules! with_descriptors {
                 height seed samples_per_pixel num_samples num_camera_rays num_bounce_rays num_shadow_rays
                 num_nonfinite num_saturated render_seconds generate_seconds trace_seconds shade_seconds
                 shadow_seconds film_seconds build_seconds estimated_error largest_sample memory_peak_bytes
-                reason schedule schedule_counters photon photon_counters reyes reyes_counters }
+                reason schedule schedule_counters photon photon_counters reyes reyes_counters estimated_bias }
         }
     };
 }
@@ -227,7 +227,7 @@ fn layouts_and_defaults_agree() {
             compactions sorted_hits counted_rays wave_splits device_ns path_refills reserved }
         gpurt_photon_settings { photons_per_pass initial_radius estimator kernel remedies reserved }
         gpurt_photon_counters { num_emitted num_rays num_stored num_gathered num_visible num_sub_passes
-            trace_seconds build_seconds gather_seconds smallest_radius reserved }
+            trace_seconds build_seconds gather_seconds smallest_radius emit_seconds scatter_seconds reserved }
         gpurt_reyes_settings { shading_rate filter shading no_shadows reserved }
         gpurt_reyes_counters { num_patches num_triangles num_splits num_culled num_grids num_micropolygons
             num_fragments num_shaded largest_queue largest_bucket working_bytes bound_seconds split_seconds

@@ -148,6 +148,21 @@ c_enum! {
 }
 
 c_enum! {
+    /// How photons become radiance.
+    PhotonEstimator {
+        /// `Memoryless`.
+        Auto = GPURT_PHOTON_ESTIMATOR_AUTO,
+        /// A radius that depends on the pass alone: passes can be merged, and shared by devices.
+        Memoryless = GPURT_PHOTON_ESTIMATOR_MEMORYLESS,
+        /// Radius, photons and flux of each pixel are kept. This version of the library does not support it.
+        PerPixel = GPURT_PHOTON_ESTIMATOR_PER_PIXEL,
+        /// A radius for each pixel by what blur and noise were there so far. This version of the library does not
+        /// support it.
+        Adaptive = GPURT_PHOTON_ESTIMATOR_ADAPTIVE,
+    }
+}
+
+c_enum! {
     /// What photon mapping does about photons of other surfaces, and about surfaces that end.
     PhotonRemedy {
         /// Leave out photons on surfaces that are turned away: corners.
@@ -216,6 +231,12 @@ c_enum! {
         Variance = GPURT_OUTPUT_VARIANCE,
         /// This version of the library does not support it.
         Time = GPURT_OUTPUT_TIME,
+        /// `[f32; 3]`: what the blur of photon mapping adds to the colour on average, estimated. Other pipelines do not
+        /// have it.
+        Bias = GPURT_OUTPUT_BIAS,
+        /// `[f32; 3]`: what blur and noise of photon mapping move the colour by: at most, with 95 % confidence. Other
+        /// pipelines do not have it.
+        Error = GPURT_OUTPUT_ERROR,
     }
 }
 

@@ -97,7 +97,7 @@ macro_rules! pixels {
 }
 pixels! {
     f32: Alpha Depth Time;
-    [f32; 3]: Color Normal Albedo Position Variance;
+    [f32; 3]: Color Normal Albedo Position Variance Bias Error;
     u32: Primitive Instance SampleCount;
 }
 
@@ -245,8 +245,10 @@ filled_struct! {
             film_seconds: f64,
             /// Of the scene's commit.
             build_seconds: f64,
-            /// relMSE of the frame, from two independent halves; negative: not known.
+            /// relMSE of the frame, noise and known bias; negative: not known.
             estimated_error: f64,
+            /// The part of `estimated_error` that is bias; the rest is noise. Negative: not known.
+            estimated_bias: f64,
             /// Largest radiance of a single sample.
             largest_sample: f64,
             /// Peak memory.

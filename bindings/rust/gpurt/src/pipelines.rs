@@ -1,5 +1,5 @@
 //! Settings of the pipelines beside path tracing, and what these did.
-use crate::{sys, PhotonKernel, PhotonRemedy, ReyesFilter, ReyesShading, Result};
+use crate::{sys, PhotonEstimator, PhotonKernel, PhotonRemedy, ReyesFilter, ReyesShading, Result};
 
 /// Settings of [`Pipeline::Photon`](crate::Pipeline::Photon). By default, the library's choice, or what the frame's samples
 /// were made with.
@@ -20,6 +20,8 @@ pub struct PhotonSettings {
     pub photons_per_pass: u32,
     /// Of the first pass, in metres; 0: from the scene.
     pub initial_radius: f32,
+    /// How photons become radiance.
+    pub estimator: PhotonEstimator,
     /// What photons within the radius count.
     pub kernel: PhotonKernel,
     /// What is done about photons of other surfaces, and about surfaces that end; `None`: all of it.
@@ -31,6 +33,7 @@ impl Default for PhotonSettings {
         PhotonSettings {
             photons_per_pass: 0,
             initial_radius: 0.0,
+            estimator: PhotonEstimator::Auto,
             kernel: PhotonKernel::Auto,
             remedies: None,
         }
@@ -47,7 +50,7 @@ impl PhotonSettings {
         sys::gpurt_photon_settings {
             photons_per_pass: self.photons_per_pass,
             initial_radius: self.initial_radius,
-            estimator: sys::GPURT_PHOTON_ESTIMATOR_AUTO,
+            estimator: self.estimator as u32,
             kernel: self.kernel as u32,
             remedies,
             reserved: 0,
@@ -67,6 +70,7 @@ impl PhotonSettings {
         Ok(Some(PhotonSettings {
             photons_per_pass: raw.photons_per_pass,
             initial_radius: raw.initial_radius,
+            estimator: PhotonEstimator::from_raw(raw.estimator)?,
             kernel: PhotonKernel::from_raw(raw.kernel)?,
             remedies: Some(remedies),
         }))
@@ -89,7 +93,7 @@ filled_struct! {
             num_visible: u64,
             /// Photon maps that were built: more than passes where memory held no whole pass.
             num_sub_passes: u64,
-            /// Per stage, summed over threads.
+            /// Per stage, summed over threads: photons from the lights to where they end.
             trace_seconds: f64,
             /// Per stage, summed over threads.
             build_seconds: f64,
@@ -97,6 +101,10 @@ filled_struct! {
             gather_seconds: f64,
             /// Of the last pass so far.
             smallest_radius: f64,
+            /// Of `trace_seconds`: at the lights.
+            emit_seconds: f64,
+            /// Of `trace_seconds`: at surfaces; the rest is rays.
+            scatter_seconds: f64,
         }
         converted {}
     }
