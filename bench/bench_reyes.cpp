@@ -5,7 +5,7 @@
 //
 // Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here. Each frame is a new one; the first
 // of a case is not counted. Times of stages are medians of what the device spent; "visible_ms" is their sum up to what
-// every sample sees, "wall_ms" a whole frame from its creation to its last pixel on the host.
+// every sample sees, "wall_ms" a whole frame from its creation to its last pixel on the host: "create_ms" and "render_ms".
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -125,7 +125,7 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
       {"job_ms", [](const gpurt_statistics &s) { return s.render_seconds; }},
   };
   std::vector<std::vector<double>> seconds(std::size(stages));
-  std::vector<double> wall;
+  std::vector<double> wall, create, render, release;
   gpurt_statistics s = GPURT_STATISTICS_INIT;
   for (uint32_t i = 0; i <= o.repeats; ++i) {
     const double start = now();
@@ -134,6 +134,7 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
     frame_desc.height = size.height;
     gpurt_frame frame = nullptr;
     check(gpurt_frame_create(scene, &frame_desc, &frame), "gpurt_frame_create");
+    const double created = now();
     gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
     desc.pipeline = GPURT_PIPELINE_REYES;
     desc.samples_per_pixel = o.spp;
@@ -145,16 +146,21 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
     gpurt_job_release(job);
     const double end = now();
     check(gpurt_frame_get_statistics(frame, &s), "gpurt_frame_get_statistics");
+    const double releasing = now();
     gpurt_frame_release(frame);
     if (i == 0) continue;
     wall.push_back(end - start);
+    create.push_back(created - start);
+    render.push_back(end - created);
+    release.push_back(now() - releasing);
     for (size_t k = 0; k < std::size(stages); ++k) seconds[k].push_back(stages[k].seconds(s));
   }
   const gpurt_reyes_counters &c = s.reyes_counters;
   std::printf(
       "{\"bench\":\"reyes\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
-      "\"shading_rate\":%g,\"shadows\":%d,\"wall_ms\":%.4f",
-      device, name, size.width, size.height, o.spp, double(o.rate), int(o.has_shadows), median(wall) * 1e3);
+      "\"shading_rate\":%g,\"shadows\":%d,\"wall_ms\":%.4f,\"create_ms\":%.4f,\"render_ms\":%.4f,\"release_ms\":%.4f",
+      device, name, size.width, size.height, o.spp, double(o.rate), int(o.has_shadows), median(wall) * 1e3,
+      median(create) * 1e3, median(render) * 1e3, median(release) * 1e3);
   double visible = 0;
   for (size_t k = 0; k < std::size(stages); ++k) {
     const double ms = median(seconds[k]) * 1e3;

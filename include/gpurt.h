@@ -624,7 +624,8 @@ GPURT_API gpurt_result gpurt_scene_import_tree(gpurt_scene scene, const gpurt_kd
 /* ---- Schedules ---------------------------------------------------------- */
 
 /* How a CUDA device goes about its work. 0 everywhere: the library's choice, which is what measures best. Every schedule
- * gives the same hits and images, bit for bit. docs/schedules.md says what each does and what it measures. */
+ * gives the same hits and images, bit for bit. docs/schedules.md says what each does and what it measures.
+ * GPURT_PIPELINE_REYES: `launch` is how patches are cut, `traversal` how grids are diced, shaded and sampled. */
 
 typedef enum gpurt_traversal {
   GPURT_TRAVERSAL_AUTO = 0,
@@ -633,14 +634,21 @@ typedef enum gpurt_traversal {
       2, /* kdtree: one kernel selects up to eight leaves of each ray, another tests them; in turn */
   GPURT_TRAVERSAL_UBER =
       3, /* one kernel whose warps switch by vote: queries (kdtree) between leaves and triangles, renders
-            between the stages of whole paths */
+            between the stages of whole paths. REYES with micropolygons' or blocks' own light: STACK is one kernel in
+            which a warp takes a grid through all stages; LEAF_LISTS a kernel each for dicing, shading and sampling,
+            with memory between them; UBER one kernel whose blocks turn to the stage whose queue is full */
   GPURT_TRAVERSAL_FORCE32 = 0x7fffffff
 } gpurt_traversal;
 
 typedef enum gpurt_launch {
   GPURT_LAUNCH_AUTO = 0,
-  GPURT_LAUNCH_REGULAR = 1,    /* a thread for every ray */
-  GPURT_LAUNCH_PERSISTENT = 2, /* as many threads as the device holds, which draw rays from a pool */
+  GPURT_LAUNCH_REGULAR = 1, /* a thread for every ray. REYES: a launch for each level of cutting, whose count the
+                               host reads */
+  GPURT_LAUNCH_PERSISTENT =
+      2, /* as many threads as the device holds, which draw rays from a pool. REYES: pieces from queues, each
+            block's own first; what a block has too much of it donates */
+  GPURT_LAUNCH_ROUNDS =
+      3, /* REYES alone: one launch whose threads wait for each other after every round of cutting */
   GPURT_LAUNCH_FORCE32 = 0x7fffffff
 } gpurt_launch;
 
@@ -1076,14 +1084,16 @@ typedef enum gpurt_reyes_filter {
   GPURT_REYES_FILTER_FORCE32 = 0x7fffffff
 } gpurt_reyes_filter;
 
-/* Where light is computed: after visibility in every case, so that nothing hidden is shaded. Triangles of meshes are shaded
-   at every sample. */
+/* Where light is computed. A micropolygon's own light is that of the surface in the middle of its (u, v), from all points,
+   spots and distant lights; samples that see it have that light, rounded without bias to 9 bits of red and green, 8 of blue
+   and an exponent. It depends on the patch and the camera alone, not on tiles, threads, memory or samples. It wants a scene
+   of patches without meshes, lamps, environment and alpha masks, no_shadows, and a frame of no outputs but COLOR, ALPHA,
+   SAMPLE_COUNT and VARIANCE; else UNSUPPORTED. */
 typedef enum gpurt_reyes_shading {
-  GPURT_REYES_SHADING_AUTO = 0,    /* samples */
-  GPURT_REYES_SHADING_SAMPLES = 1, /* at every sample */
-  GPURT_REYES_SHADING_MICROPOLYGONS =
-      2,                          /* once for each micropolygon that is seen; this version: UNSUPPORTED */
-  GPURT_REYES_SHADING_BLOCKS = 3, /* once for each 2 x 2 of them; this version: UNSUPPORTED */
+  GPURT_REYES_SHADING_AUTO = 0,          /* samples */
+  GPURT_REYES_SHADING_SAMPLES = 1,       /* at every sample, once it is known what samples see */
+  GPURT_REYES_SHADING_MICROPOLYGONS = 2, /* once for each micropolygon, before it is sampled */
+  GPURT_REYES_SHADING_BLOCKS = 3,        /* once for each 2 x 2 of them, in the middle of the four */
   GPURT_REYES_SHADING_FORCE32 = 0x7fffffff
 } gpurt_reyes_shading;
 
@@ -1115,9 +1125,11 @@ typedef struct gpurt_reyes_counters {
   double split_seconds;
   double dice_seconds; /* on CUDA devices 0: grids are diced and sampled by one kernel */
   double sample_seconds;
-  uint64_t reserved[5];
+  uint64_t split_rounds; /* CUDA devices: launches, or rounds of one, in which pieces were cut */
+  uint64_t num_donated;  /* GPURT_LAUNCH_PERSISTENT: pieces that a block gave away for others to cut */
+  uint64_t reserved[3];
 } gpurt_reyes_counters;
-#define GPURT_REYES_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0, 0, 0}}
+#define GPURT_REYES_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0}}
 
 /** Called now and then from one thread at a time while a job runs; done and total are in samples. Must not call gpurt. */
 typedef void (*gpurt_progress_fn)(void *user, double done, double total);

@@ -121,6 +121,7 @@ struct ReyesCounters {
            num_micropolygons = 0, num_fragments = 0, num_shaded = 0;
   uint64_t largest_queue = 0, largest_bucket = 0, working_bytes = 0;
   double bound_seconds = 0, split_seconds = 0, dice_seconds = 0, sample_seconds = 0;
+  uint64_t split_rounds = 0, num_donated = 0;
 
   void add(const ReyesCounters &other);
 };
@@ -161,7 +162,8 @@ struct RenderPass {
   // Photon mapping with a memory: what each pixel of the frame has, row by row, as its last delivered unit left it. Else null.
   const PixelStatistics *statistics = nullptr;
   const ReyesSettings *reyes = nullptr;          // REYES: resolved settings; null: another pipeline
-  Schedule schedule;                             // resolved
+  Schedule schedule;                             // resolved; REYES: of its rays
+  ReyesSchedule reyes_schedule;                  // REYES: resolved
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
   /// Takes the finished samples of a unit; called from any thread. A unit is delivered whole or not at all.
   std::function<void(const WorkUnit &, const TileFilm &, const RenderCounters &)> deliver;
@@ -186,6 +188,8 @@ class CommittedScene {
                                    uint32_t num_photons, uint32_t points_per_axis) const;
   /// Throws UNSUPPORTED where the device has no REYES.
   virtual void require_reyes() const;
+  /// How REYES cuts patches and goes through its stages, with values for what was left to the library. Throws UNSUPPORTED.
+  virtual ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings) const;
   /// Throws INVALID_ARGUMENT where there is no such kd-tree.
   virtual HostKdTree export_tree(uint32_t tree) const = 0;
   /// The schedule with values for what was left to the library. Throws UNSUPPORTED naming what is not there.
@@ -224,6 +228,20 @@ inline void CommittedScene::require_reyes() const
        "GPURT_PIPELINE_REYES is not supported by this device; use GPURT_PIPELINE_PATH with max_depth 2 for "
        "direct "
        "light alone");
+}
+
+inline ReyesSchedule CommittedScene::resolve_reyes_schedule(const Schedule &asked,
+                                                            const ReyesSettings &) const
+{
+  if ((asked.launch != Launch::Auto && asked.launch != Launch::Regular) ||
+      (asked.traversal != Traversal::Auto && asked.traversal != Traversal::Stack)) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "schedule.launch is {} and schedule.traversal {}, which schedule kernels of CUDA devices; this "
+         "device cuts, "
+         "dices and samples patch by patch: leave both AUTO",
+         uint32_t(asked.launch), uint32_t(asked.traversal));
+  }
+  return {Launch::Regular, Traversal::Stack};
 }
 
 /// What a committed scene may offer beside CommittedScene: queries that are queued on the caller's stream. The handles are

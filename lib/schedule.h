@@ -6,7 +6,7 @@
 namespace gpurt {
 
 enum class Traversal : uint32_t { Auto = 0, Stack = 1, LeafLists = 2, Uber = 3 };
-enum class Launch : uint32_t { Auto = 0, Regular = 1, Persistent = 2 };
+enum class Launch : uint32_t { Auto = 0, Regular = 1, Persistent = 2, Rounds = 3 };
 enum class Fetch : uint32_t { Auto = 0, PerThread = 1, Packets = 2 };
 enum class Compaction : uint32_t { Auto = 0, BlockScan = 1, Pyramid = 2, NaiveScan = 3, LibraryScan = 4 };
 enum class Shading : uint32_t { Auto = 0, Immediate = 1, Sorted = 2 };
@@ -21,6 +21,12 @@ struct Schedule {
   Shading shading = Shading::Auto;
   Generation generation = Generation::Auto;
   uint64_t ray_budget = 0;
+};
+
+/// What gpurt_schedule says of REYES' own stages.
+struct ReyesSchedule {
+  Launch split = Launch::Auto;
+  Traversal stages = Traversal::Auto;
 };
 
 /// Puts `value` for Auto.
@@ -60,8 +66,9 @@ enum class ScheduleUse { Query, AllHitsQuery, StreamQuery, Render };
 /// UNSUPPORTED naming the first choice that differs; `device` is what the text calls it.
 Schedule resolve_fused_schedule(const Schedule &asked, const char *device);
 
-/// The schedule of a pipeline that shades what it found itself by a path tracer's stages: rays in slots, where the choice
-/// is the library's. Throws UNSUPPORTED where another one was asked for.
-Schedule with_slots(Schedule asked, const char *pipeline);
+/// The schedule of rays for a pipeline that finds itself what eye rays would, and shades it by a path tracer's stages: rays
+/// in slots, where the choice is the library's; `launch` and `traversal` name stages of its own, and are left to the
+/// library for rays. Throws UNSUPPORTED where another generation was asked for.
+Schedule rays_of_reyes(Schedule asked, const char *pipeline);
 
 }  // namespace gpurt

@@ -67,17 +67,17 @@ gpurt_result gpurt_frame_submit(gpurt_frame frame, const gpurt_render_desc *desc
     const gpurt_render_desc d = read_optional_descriptor(desc);
     require(out_job, "out_job");
     check_enum(d.pipeline, GPURT_PIPELINE_HYBRID + 1, "pipeline", "gpurt_pipeline");
-    Schedule asked = checked_schedule(d.schedule);
+    const Schedule asked = checked_schedule(d.schedule);
     check_enum(d.photon.estimator, GPURT_PHOTON_ESTIMATOR_ADAPTIVE + 1, "photon.estimator",
                "gpurt_photon_estimator");
     check_enum(d.photon.kernel, GPURT_PHOTON_KERNEL_CONE + 1, "photon.kernel", "gpurt_photon_kernel");
     RenderPlan plan = plan_render(d);
     const bool has_photons = plan.desc.pipeline == GPURT_PIPELINE_PHOTON;
     if (has_photons) f->commit->committed->require_photons();
-    if (plan.desc.pipeline == GPURT_PIPELINE_REYES) asked = with_slots(asked, "GPURT_PIPELINE_REYES");
-    plan.desc.schedule =
-        describe(has_photons ? resolve_fused_schedule(asked, "photon mapping")
-                             : f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
+    if (has_photons) plan.desc.schedule = describe(resolve_fused_schedule(asked, "photon mapping"));
+    // What REYES does with it depends on the frame's settings.
+    else if (plan.desc.pipeline != GPURT_PIPELINE_REYES)
+      plan.desc.schedule = describe(f->commit->committed->resolve_schedule(asked, ScheduleUse::Render));
     const auto object = std::make_shared<JobObject>();
     object->frame = f;
     object->job = Job::submit(f->frame, plan.desc, checked_tiles(tiles, num_tiles));

@@ -50,7 +50,7 @@ static_assert(same(Traversal::Stack, GPURT_TRAVERSAL_STACK) &&
               same(Traversal::LeafLists, GPURT_TRAVERSAL_LEAF_LISTS));
 static_assert(same(Traversal::Uber, GPURT_TRAVERSAL_UBER));
 static_assert(same(Launch::Regular, GPURT_LAUNCH_REGULAR) &&
-              same(Launch::Persistent, GPURT_LAUNCH_PERSISTENT));
+              same(Launch::Persistent, GPURT_LAUNCH_PERSISTENT) && same(Launch::Rounds, GPURT_LAUNCH_ROUNDS));
 static_assert(same(Fetch::PerThread, GPURT_FETCH_PER_THREAD) && same(Fetch::Packets, GPURT_FETCH_PACKETS));
 static_assert(same(Compaction::BlockScan, GPURT_COMPACTION_BLOCK_SCAN) &&
               same(Compaction::Pyramid, GPURT_COMPACTION_PYRAMID));

@@ -8,7 +8,7 @@ namespace gpurt::api {
 Schedule checked_schedule(const gpurt_schedule &d)
 {
   check_enum(d.traversal, GPURT_TRAVERSAL_UBER + 1, "schedule.traversal", "gpurt_traversal");
-  check_enum(d.launch, GPURT_LAUNCH_PERSISTENT + 1, "schedule.launch", "gpurt_launch");
+  check_enum(d.launch, GPURT_LAUNCH_ROUNDS + 1, "schedule.launch", "gpurt_launch");
   check_enum(d.fetch, GPURT_FETCH_PACKETS + 1, "schedule.fetch", "gpurt_fetch");
   check_enum(d.compaction, GPURT_COMPACTION_LIBRARY_SCAN + 1, "schedule.compaction", "gpurt_compaction");
   check_enum(d.shading, GPURT_SHADING_SORTED + 1, "schedule.shading", "gpurt_shading");

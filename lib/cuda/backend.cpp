@@ -136,6 +136,11 @@ class CudaScene final : public CommittedScene, public StreamTracing {
 
   void require_reyes() const override {}
 
+  ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings) const override
+  {
+    return cuda::resolve_reyes_schedule(asked, settings);
+  }
+
   Schedule resolve_schedule(const Schedule &asked, ScheduleUse use) const override
   {
     return cuda::resolve_schedule(asked, use, trace_scene_);

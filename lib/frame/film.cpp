@@ -18,9 +18,9 @@ void TileFilm::reset(uint32_t w, uint32_t h, uint32_t wanted_outputs)
   width = w;
   height = h;
   outputs = wanted_outputs;
-  pixels.assign(num_pixels, {});
-  features.assign(wanted_outputs & feature_outputs ? num_pixels : 0, {});
-  first_hits.assign(wanted_outputs & first_hit_outputs ? num_pixels : 0, {});
+  pixels.reset(num_pixels);
+  features.reset(wanted_outputs & feature_outputs ? num_pixels : 0);
+  first_hits.reset(wanted_outputs & first_hit_outputs ? num_pixels : 0);
 }
 
 FilmView TileFilm::view()

@@ -2,9 +2,9 @@
 #pragma once
 
 #include <cstdint>
-#include <vector>
 
 #include "core/path/film_view.h"
+#include "frame/zeroed_array.h"
 
 namespace gpurt {
 
@@ -15,9 +15,9 @@ constexpr uint32_t film_errors = 1u << 30, film_statistics = 1u << 31;
 struct TileFilm {
   uint32_t width = 0, height = 0;
   uint32_t outputs = 0;  // bits of gpurt_output that have arrays
-  std::vector<PixelSums> pixels;
-  std::vector<PixelFeatures> features;    // mean normal and albedo
-  std::vector<PixelFirstHit> first_hits;  // of sample 0
+  ZeroedArray<PixelSums> pixels;
+  ZeroedArray<PixelFeatures> features;    // mean normal and albedo
+  ZeroedArray<PixelFirstHit> first_hits;  // of sample 0
 
   /// Resizes and clears.
   void reset(uint32_t w, uint32_t h, uint32_t wanted_outputs);

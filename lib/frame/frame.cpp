@@ -88,6 +88,36 @@ Camera make_camera(const CameraData &data, uint32_t width, uint32_t height)
   return camera;
 }
 
+// Micropolygons' own light is direct light that nothing stands before, and samples keep it and nothing else.
+void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uint32_t outputs)
+{
+  const char *shading = reyes.shading == ReyesShading::Blocks ? "GPURT_REYES_SHADING_BLOCKS"
+                                                              : "GPURT_REYES_SHADING_MICROPOLYGONS";
+  const auto refuse = [&](const char *what, const char *remedy) {
+    fail(GPURT_ERROR_UNSUPPORTED, "reyes.shading is {}, but {}; {}use GPURT_REYES_SHADING_SAMPLES", shading,
+         what, remedy);
+  };
+  if (!reyes.no_shadows) refuse("shadows are rays of samples", "set no_shadows, or ");
+  constexpr uint32_t own = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA |
+                           1u << GPURT_OUTPUT_SAMPLE_COUNT | 1u << GPURT_OUTPUT_VARIANCE;
+  for (uint32_t i = 0; i < GPURT_OUTPUT_COUNT; ++i) {
+    if ((outputs & ~own & 1u << i) == 0) continue;
+    refuse(fmt::format("samples then know their light alone, not what {} of the frame asks for",
+                       output_name(gpurt_output(i)))
+               .c_str(),
+           "create the frame without it, or ");
+  }
+  for (const PatchRange &range : scene.patch_ranges) {
+    if (range.num_patches == 0) refuse("triangles of meshes are not diced", "");
+  }
+  for (const Light &light : scene.lights) {
+    if (light.type == LightType::Triangle)
+      refuse("light of lamps varies over a micropolygon's directions", "");
+  }
+  if (scene.environment.is_present) refuse("light of an environment comes by rays of samples", "");
+  if (scene.has_alpha_masks) refuse("alpha masks are tested at samples", "");
+}
+
 }  // namespace
 
 Frame::Frame(FrameScene scene, const gpurt_frame_desc &desc) : scene_(std::move(scene))
@@ -197,6 +227,7 @@ ReyesSettings Frame::resolve_reyes(const gpurt_reyes_settings &asked) const
   if (asked.filter != 0) s.filter = ReyesFilter(asked.filter);
   if (asked.shading != 0) s.shading = ReyesShading(asked.shading);
   if (asked.no_shadows != 0) s.no_shadows = 1;
+  if (s.shading != ReyesShading::Samples) check_own_light(s, *scene_.compiled, state_.settings.outputs);
   return s;
 }
 

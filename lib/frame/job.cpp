@@ -103,8 +103,16 @@ std::shared_ptr<Job> Job::submit(std::shared_ptr<Frame> frame, const gpurt_rende
         frame->first_gap_ % settings.width, frame->first_gap_ / settings.width);
   }
   if (resolved.pipeline == GPURT_PIPELINE_REYES) {
-    frame->scene().committed->require_reyes();
+    const CommittedScene &scene = *frame->scene().committed;
+    scene.require_reyes();
     job->reyes_ = frame->resolve_reyes(resolved.reyes);
+    const Schedule asked = job->schedule_;
+    job->reyes_schedule_ = scene.resolve_reyes_schedule(asked, job->reyes_);
+    job->schedule_ =
+        scene.resolve_schedule(rays_of_reyes(asked, "GPURT_PIPELINE_REYES"), ScheduleUse::Render);
+    job->desc_.schedule = describe(job->schedule_);
+    job->desc_.schedule.launch = gpurt_launch(job->reyes_schedule_.split);
+    job->desc_.schedule.traversal = gpurt_traversal(job->reyes_schedule_.stages);
   }
   frame->begin_samples(resolved.pipeline, resolved.max_depth, resolved.photon, job->reyes_);
   frame->jobs_.push_back(job.get());
@@ -118,7 +126,7 @@ std::shared_ptr<Job> Job::submit(std::shared_ptr<Frame> frame, const gpurt_rende
 }
 
 Job::Job(std::shared_ptr<Frame> frame, const gpurt_render_desc &desc, std::vector<gpurt_tile> tiles)
-    : frame_(std::move(frame)), desc_(desc), tiles_(std::move(tiles))
+    : frame_(std::move(frame)), desc_(desc), tiles_(std::move(tiles)), schedule_(schedule_from(desc.schedule))
 {}
 
 Job::~Job()
@@ -342,7 +350,8 @@ void Job::render_pass(std::span<const WorkUnit> units)
   pass.units = units;
   if (has_photons()) pass.photon = &photon_request_;
   if (desc_.pipeline == GPURT_PIPELINE_REYES) pass.reyes = &reyes_;
-  pass.schedule = schedule_from(desc_.schedule);
+  pass.schedule = schedule_;
+  pass.reyes_schedule = reyes_schedule_;
   pass.cancelled = &cancelled_;
   pass.deliver = [&](const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters) {
     frame_->add_unit(unit, film, counters);

@@ -49,10 +49,11 @@ class Job {
   void finish(gpurt_result result, std::string error);
 
   const std::shared_ptr<Frame> frame_;
-  const gpurt_render_desc
-      desc_;  // resolved: zero means "no such limit", and nothing else has a default any more
+  gpurt_render_desc desc_;  // resolved: zero means "no such limit", and nothing else has a default any more
   const std::vector<gpurt_tile> tiles_;
   ReyesSettings reyes_{};  // resolved; zero for other pipelines
+  ReyesSchedule reyes_schedule_{};
+  Schedule schedule_;  // of rays
   std::atomic<bool> cancelled_{false};
 
   // Of the job's thread.

@@ -173,6 +173,8 @@ void ReyesCounters::add(const ReyesCounters &other)
   split_seconds += other.split_seconds;
   dice_seconds += other.dice_seconds;
   sample_seconds += other.sample_seconds;
+  split_rounds += other.split_rounds;
+  num_donated += other.num_donated;
 }
 
 void add_counters(RenderCounters &sum, const RenderCounters &other)

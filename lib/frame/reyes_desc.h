@@ -48,6 +48,8 @@ inline gpurt_reyes_counters public_counters(const ReyesCounters &c)
   d.split_seconds = c.split_seconds;
   d.dice_seconds = c.dice_seconds;
   d.sample_seconds = c.sample_seconds;
+  d.split_rounds = c.split_rounds;
+  d.num_donated = c.num_donated;
   return d;
 }
 

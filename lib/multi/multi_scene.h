@@ -32,6 +32,10 @@ class MultiScene final : public CommittedScene, public StreamTracing {
   {
     return scenes_[0]->resolve_schedule(asked, use);  // the others are of the same kind
   }
+  ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings) const override
+  {
+    return scenes_[0]->resolve_reyes_schedule(asked, settings);
+  }
   void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event,
                        void *done_event) const override;
 

@@ -108,12 +108,6 @@ void check_reyes(const gpurt_render_desc &d)
     fail_invalid("reyes.filter is {}; it must be a value of gpurt_reyes_filter", uint32_t(r.filter));
   if (uint32_t(r.shading) > GPURT_REYES_SHADING_BLOCKS)
     fail_invalid("reyes.shading is {}; it must be a value of gpurt_reyes_shading", uint32_t(r.shading));
-  if (r.shading > GPURT_REYES_SHADING_SAMPLES) {
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "reyes.shading {} is not supported by this version; use GPURT_REYES_SHADING_SAMPLES",
-         r.shading == GPURT_REYES_SHADING_BLOCKS ? "GPURT_REYES_SHADING_BLOCKS"
-                                                 : "GPURT_REYES_SHADING_MICROPOLYGONS");
-  }
   if (r.no_shadows > 1) fail_invalid("reyes.no_shadows is {}; it must be 0 or 1", r.no_shadows);
   for (const uint32_t reserved : r.reserved)
     if (reserved != 0) fail_invalid("reyes.reserved is {}; it must be 0", reserved);

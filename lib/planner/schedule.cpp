@@ -40,19 +40,15 @@ Schedule resolve_fused_schedule(const Schedule &asked, const char *device)
           0};
 }
 
-Schedule with_slots(Schedule asked, const char *pipeline)
+Schedule rays_of_reyes(Schedule asked, const char *pipeline)
 {
-  if (asked.traversal == Traversal::Uber) {
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "schedule.traversal is GPURT_TRAVERSAL_UBER, whose paths begin with eye rays, and {} has none; "
-         "leave it AUTO",
-         pipeline);
-  }
   if (asked.generation != Generation::Auto && asked.generation != Generation::Slots) {
     fail(GPURT_ERROR_UNSUPPORTED,
          "schedule.generation is not GPURT_GENERATION_SLOTS, and {} has no other; leave it AUTO", pipeline);
   }
   asked.generation = Generation::Slots;
+  asked.launch = Launch::Auto;
+  asked.traversal = Traversal::Auto;
   return asked;
 }
 

@@ -323,7 +323,9 @@ FIELD(gpurt_reyes_counters, bound_seconds, 88);
 FIELD(gpurt_reyes_counters, split_seconds, 96);
 FIELD(gpurt_reyes_counters, dice_seconds, 104);
 FIELD(gpurt_reyes_counters, sample_seconds, 112);
-FIELD(gpurt_reyes_counters, reserved, 120);
+FIELD(gpurt_reyes_counters, split_rounds, 120);
+FIELD(gpurt_reyes_counters, num_donated, 128);
+FIELD(gpurt_reyes_counters, reserved, 136);
 
 SIZE(gpurt_render_desc, 136);
 FIELD(gpurt_render_desc, struct_size, 0);
@@ -484,6 +486,7 @@ SIZE(gpurt_traversal, 4);
 VALUE(GPURT_LAUNCH_AUTO, 0);
 VALUE(GPURT_LAUNCH_REGULAR, 1);
 VALUE(GPURT_LAUNCH_PERSISTENT, 2);
+VALUE(GPURT_LAUNCH_ROUNDS, 3);
 SIZE(gpurt_launch, 4);
 
 VALUE(GPURT_FETCH_AUTO, 0);

@@ -88,7 +88,7 @@ Json to_json(const gpurt_schedule &s)
     return value < names.size() ? std::string(names.begin()[value]) : fmt::format("unknown ({})", value);
   };
   return {{"traversal", name(s.traversal, {"auto", "stack", "leaf_lists", "uber"})},
-          {"launch", name(s.launch, {"auto", "regular", "persistent"})},
+          {"launch", name(s.launch, {"auto", "regular", "persistent", "rounds"})},
           {"fetch", name(s.fetch, {"auto", "per_thread", "packets"})},
           {"compaction", name(s.compaction, {"auto", "block_scan", "pyramid", "naive_scan", "library_scan"})},
           {"shading", name(s.shading, {"auto", "immediate", "sorted"})},
@@ -139,7 +139,9 @@ Json to_json(const gpurt_reyes_settings &s, const gpurt_reyes_counters &c)
           {"bound_seconds", c.bound_seconds},
           {"split_seconds", c.split_seconds},
           {"dice_seconds", c.dice_seconds},
-          {"sample_seconds", c.sample_seconds}};
+          {"sample_seconds", c.sample_seconds},
+          {"split_rounds", c.split_rounds},
+          {"num_donated", c.num_donated}};
 }
 
 Json to_json(const gpurt_statistics &s)

@@ -2,6 +2,7 @@
 #include "cpu/reyes/reyes_kernel.h"
 
 #include "core/reyes/filter.h"
+#include "core/reyes/shade.h"
 #include "cpu/path/serial_executor.h"
 #include "cpu/reyes/sample_loops.h"
 
@@ -121,12 +122,39 @@ class Places {
   SampleBlock block_{};
 };
 
-// Splits, dices and samples patches.
+// The light of all micropolygons of a piece's grid, or of its blocks.
+void shade_grid(const SceneView &scene, const Material &material, const OwnLight &own,
+                const RasterPatch &patch, const Piece &p, uint32_t root, GridLight &light)
+{
+  const uint32_t bits_u = shaded_bits(p.grid_u, own.block_bits),
+                 bits_v = shaded_bits(p.grid_v, own.block_bits);
+  light.shift_u = p.grid_u - bits_u;
+  light.shift_v = p.grid_v - bits_v;
+  light.bits_u = bits_u;
+  ShadingColumns columns;
+  for (uint32_t i = 0; i < 1u << bits_u; ++i) {
+    const uint32_t k = middle_of_part(p.u, p.u_bits, bits_u, i);
+    for (uint32_t r = 0; r < 4; ++r) make_shading_column(patch, k, i, r, columns);
+  }
+  for (uint32_t j = 0; j < 1u << bits_v; ++j) {
+    const uint32_t kv = middle_of_part(p.v, p.v_bits, bits_v, j);
+    for (uint32_t i = 0; i < 1u << bits_u; ++i) {
+      light.packed[j << bits_u | i] =
+          shade_point(scene, material, own, columns, root, i, middle_of_part(p.u, p.u_bits, bits_u, i), kv);
+    }
+  }
+}
+
+// Splits, dices, shades if need be, and samples patches.
 class PatchPipeline {
  public:
-  PatchPipeline(const RasterProjection &projection, const DiceSettings &dice, BlockSampler &sampler,
-                double (*seconds)(), ReyesKernelCounters &counters)
-      : projection_(projection),
+  // `own`: null, or what micropolygons' own light depends on.
+  PatchPipeline(const SceneView &scene, const RasterProjection &projection, const DiceSettings &dice,
+                const OwnLight *own, BlockSampler &sampler, double (*seconds)(),
+                ReyesKernelCounters &counters)
+      : scene_(scene),
+        own_(own),
+        projection_(projection),
         dice_(dice),
         sampler_(sampler),
         rect_(sampler.rect()),
@@ -135,7 +163,7 @@ class PatchPipeline {
         last_(seconds())
   {}
 
-  void run(const RasterPatch &patch, RasterPoint largest)
+  void run(const RasterPatch &patch, RasterPoint largest, uint32_t root, const Material &material)
   {
     Piece stack[stack_size];
     uint32_t waiting = 1;
@@ -154,7 +182,7 @@ class PatchPipeline {
       }
       const PieceAction action = decide_piece(patch, part, dice_, piece);
       if (action == PieceAction::Dice) {
-        dice(patch, piece);
+        dice(patch, piece, root, material);
         continue;
       }
       Piece parts[4];
@@ -173,17 +201,24 @@ class PatchPipeline {
   }
 
  private:
-  void dice(const RasterPatch &patch, const Piece &piece)
+  void dice(const RasterPatch &patch, const Piece &piece, uint32_t root, const Material &material)
   {
     charge(counters_.split_seconds);
     dice_piece(patch, piece, projection_, grid_);
     counters_.num_grids++;
     counters_.num_micropolygons += uint64_t(grid_.num_u) * grid_.num_v;
     charge(counters_.dice_seconds);
-    sampler_.sample_grid(grid_);
+    if (own_ != nullptr) {
+      shade_grid(scene_, material, *own_, patch, piece, root, light_);
+      counters_.num_shaded += 1u << (piece.grid_u - light_.shift_u + piece.grid_v - light_.shift_v);
+      charge(counters_.path.stage_seconds[uint32_t(PathStage::Shade)]);
+    }
+    sampler_.sample_grid(grid_, own_ != nullptr ? &light_ : nullptr);
     charge(counters_.sample_seconds);
   }
 
+  const SceneView &scene_;
+  const OwnLight *const own_;
   const RasterProjection &projection_;
   const DiceSettings dice_;
   BlockSampler &sampler_;
@@ -192,6 +227,7 @@ class PatchPipeline {
   ReyesKernelCounters &counters_;
   double last_;
   Grid grid_;
+  GridLight light_;
 };
 
 void find_visible(const ReyesScene &scene, const PathSettings &settings, const ReyesSettings &reyes,
@@ -203,9 +239,13 @@ void find_visible(const ReyesScene &scene, const PathSettings &settings, const R
   const RasterProjection projection = raster_projection(settings.camera);
   const DiceSettings dice{1.0f / sqrt(reyes.shading_rate), 0.5f * float(settings.camera.width),
                           0.5f * float(settings.camera.height)};
-  BlockSampler sampler(scene, projection, places.block());
+  const bool has_own_light = reyes.shading != ReyesShading::Samples;
+  BlockSampler sampler(scene, projection, places.block(), has_own_light);
+  const OwnLight own =
+      own_light(projection, reyes.shading == ReyesShading::Blocks ? 1 : 0, settings.max_depth >= 2);
   counters.path.stage_seconds[uint32_t(PathStage::Generate)] += seconds() - start;
-  PatchPipeline patches(projection, dice, sampler, seconds, counters);
+  PatchPipeline patches(scene.scene, projection, dice, has_own_light ? &own : nullptr, sampler, seconds,
+                        counters);
   uint32_t r = 0;
   for (uint64_t i = 0; i < bucket.num_roots; ++i) {
     const uint32_t root = bucket.roots != nullptr ? bucket.roots[i] : uint32_t(i);
@@ -230,7 +270,7 @@ void find_visible(const ReyesScene &scene, const PathSettings &settings, const R
       const RasterPoint largest = largest_coordinates(patch.x, patch.y, patch.w, 16);
       sampler.begin_root(root, largest);
       counters.num_patches++;
-      patches.run(patch, largest);
+      patches.run(patch, largest, root, scene.scene.materials[scene.scene.segments[range.segment].material]);
     } else {
       RasterPoint p[3];
       transform_triangle(scene, projection, range,
@@ -323,11 +363,34 @@ class ReyesExecutor : public SerialExecutor {
   uint64_t &num_shaded_;
 };
 
+// Adds the light that samples have of their micropolygons to the film.
+void resolve_own_light(const ReyesBucket &bucket, const ReyesMemory &memory, const FilmView &film,
+                       ReyesKernelCounters &counters)
+{
+  const PathUnit unit{bucket.x0, bucket.y0, bucket.x1, bucket.y1, bucket.first_sample, 0};
+  const uint32_t n = uint32_t(uint64_t(bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0) * bucket.num_samples);
+  for (uint32_t k = 0; k < n; ++k) {
+    const PathSample s = path_sample(unit, k);
+    const uint32_t slot = memory.slot[k];
+    const bool covered = memory.z[slot] > 0.0f;
+    const Vec3f light = covered ? unpack_light(memory.root[slot]) * memory.weight[k] : vec3(0.0f);
+    add_sample(film.pixels[s.local], s.sample, light, covered);
+    const float largest = max_component(light);
+    if (largest > counters.path.largest_sample) counters.path.largest_sample = largest;
+  }
+}
+
 void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
            const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory,
            const PathWave &wave, uint32_t wave_capacity, const FilmView &film, double (*seconds)(),
            ReyesKernelCounters &counters)
 {
+  if (reyes.shading != ReyesShading::Samples) {
+    const double start = seconds();
+    resolve_own_light(bucket, memory, film, counters);
+    counters.path.stage_seconds[uint32_t(PathStage::Film)] += seconds() - start;
+    return;
+  }
   const uint64_t num_paths = uint64_t(bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0) * bucket.num_samples;
   for (uint64_t first = 0; first < num_paths; first += wave_capacity) {
     const PathUnit unit{bucket.x0, bucket.y0, bucket.x1, bucket.y1, bucket.first_sample, first};

@@ -11,16 +11,27 @@ GPURT_FUNCTIONS_BEGIN
 
 constexpr uint32_t samples_per_run = 64;
 
+// Packed light of a grid's micropolygons, or of its blocks of them.
+struct GridLight {
+  uint32_t shift_u, shift_v;  // log2 of the micropolygons along a block
+  uint32_t bits_u;            // log2 of the blocks along u
+  uint32_t packed[max_segments * max_segments];
+
+  uint32_t of(uint32_t i, uint32_t j) const { return packed[(j >> shift_v) << bits_u | i >> shift_u]; }
+};
+
 // Puts micropolygons and triangles, root by root, into the samples of a block.
 class BlockSampler {
  public:
-  BlockSampler(const ReyesScene &scene, const RasterProjection &projection, const SampleBlock &block)
+  BlockSampler(const ReyesScene &scene, const RasterProjection &projection, const SampleBlock &block,
+               bool has_own_light)
       : scene_(scene),
         projection_(projection),
         block_(block),
         origin_x_(float(block.origin_x)),
         origin_y_(float(block.origin_y)),
-        has_masks_(scene.scene.has_alpha_masks != 0)
+        has_masks_(scene.scene.has_alpha_masks != 0),
+        has_own_light_(has_own_light)
   {}
 
   void begin_root(uint32_t root, RasterPoint largest)
@@ -29,12 +40,14 @@ class BlockSampler {
     largest_ = largest;
   }
 
-  void sample_grid(const Grid &grid)
+  // `light`: null, or what samples keep of the grid's micropolygons in place of the root.
+  void sample_grid(const Grid &grid, const GridLight *light)
   {
     const uint32_t width = grid.num_u + 1;
     for (uint32_t j = 0; j < grid.num_v; ++j) {
       for (uint32_t i = 0; i < grid.num_u; ++i) {
         const uint32_t a = j * width + i;
+        if (light != nullptr) light_ = light->of(i, j);
         sample_quad(grid, a, a + 1, a + width + 1, a + width);
       }
     }
@@ -197,6 +210,14 @@ class BlockSampler {
   // What is as near as what the sample has, or nearer.
   void take(uint32_t slot, float z, Vec2f place)
   {
+    if (has_own_light_) {
+      // Whatever comes first, of equally near light the larger number stays.
+      if (z == block_.z[slot] && light_ <= block_.root[slot]) return;
+      ++num_fragments_;
+      block_.z[slot] = z;
+      block_.root[slot] = light_;
+      return;
+    }
     if (z == block_.z[slot]) {
       const uint32_t root = block_.root[slot];
       if (root < root_) return;
@@ -217,8 +238,9 @@ class BlockSampler {
   const RasterProjection &projection_;
   const SampleBlock block_;
   const float origin_x_, origin_y_;
-  const bool has_masks_;
+  const bool has_masks_, has_own_light_;
   uint32_t root_ = invalid_id;
+  uint32_t light_ = 0;  // of the micropolygon, packed
   RasterPoint largest_{};
   uint64_t num_fragments_ = 0;
 };

@@ -9,7 +9,7 @@ namespace gpurt::cuda {
 namespace {
 
 template <class T>
-void copy_rows(std::vector<T> &to, const T *from, const WorkUnit &unit, const WorkUnit &group)
+void copy_rows(ZeroedArray<T> &to, const T *from, const WorkUnit &unit, const WorkUnit &group)
 {
   if (to.empty()) return;
   const uint64_t width = unit.x1 - unit.x0, group_width = group.x1 - group.x0;

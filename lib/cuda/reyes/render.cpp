@@ -148,6 +148,33 @@ class ReyesRenderer {
 
 }  // namespace
 
+ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings)
+{
+  if (settings.shading != ReyesShading::Samples) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "reyes.shading {} is not supported by this version on CUDA devices; use "
+         "GPURT_REYES_SHADING_SAMPLES, or a "
+         "CPU device",
+         settings.shading == ReyesShading::Blocks ? "GPURT_REYES_SHADING_BLOCKS"
+                                                  : "GPURT_REYES_SHADING_MICROPOLYGONS");
+  }
+  if (asked.launch != Launch::Auto && asked.launch != Launch::Rounds) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "schedule.launch is {}, but this version's GPURT_PIPELINE_REYES cuts patches by GPURT_LAUNCH_ROUNDS "
+         "alone; "
+         "leave it AUTO",
+         uint32_t(asked.launch));
+  }
+  if (asked.traversal != Traversal::Auto && asked.traversal != Traversal::Stack) {
+    fail(
+        GPURT_ERROR_UNSUPPORTED,
+        "schedule.traversal is {}, but this version's GPURT_PIPELINE_REYES takes grids through its stages by "
+        "GPURT_TRAVERSAL_STACK alone; leave it AUTO",
+        uint32_t(asked.traversal));
+  }
+  return {Launch::Rounds, Traversal::Stack};
+}
+
 void render_reyes_on_device(const RenderPass &pass, const TraceScene &scene, const ReyesDeviceScene &reyes,
                             const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes)
 {

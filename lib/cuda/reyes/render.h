@@ -21,4 +21,7 @@ struct ReyesDeviceScene {
 void render_reyes_on_device(const RenderPass &pass, const TraceScene &scene, const ReyesDeviceScene &reyes,
                             const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes);
 
+/// How patches are cut and grids go through the stages. Throws UNSUPPORTED naming what there is not.
+ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings);
+
 }  // namespace gpurt::cuda

@@ -170,7 +170,8 @@ py::dict get_statistics(const Frame &frame)
                    "largest_queue"_a = reyes.largest_queue, "largest_bucket"_a = reyes.largest_bucket,
                    "working_bytes"_a = reyes.working_bytes, "bound_seconds"_a = reyes.bound_seconds,
                    "split_seconds"_a = reyes.split_seconds, "dice_seconds"_a = reyes.dice_seconds,
-                   "sample_seconds"_a = reyes.sample_seconds));
+                   "sample_seconds"_a = reyes.sample_seconds, "split_rounds"_a = reyes.split_rounds,
+                   "num_donated"_a = reyes.num_donated));
 }
 
 // True when the job has ended well, False when it still runs; its failure is raised.

@@ -44,7 +44,7 @@ OUTPUT = Names("outputs", "color", "alpha", "depth", "normal", "albedo", "positi
                "sample_count", "variance", "time", "bias", "error")
 SCHEDULE = {
     "traversal": Names("traversal", "auto", "stack", "leaf_lists", "uber"),
-    "launch": Names("launch", "auto", "regular", "persistent"),
+    "launch": Names("launch", "auto", "regular", "persistent", "rounds"),
     "fetch": Names("fetch", "auto", "per_thread", "packets"),
     "compaction": Names("compaction", "auto", "block_scan", "pyramid", "naive_scan", "library_scan"),
     "shading": Names("shading", "auto", "immediate", "sorted"),

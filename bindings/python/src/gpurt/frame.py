@@ -188,8 +188,8 @@ class Frame:
         :param progress: called now and then as progress(done, total) in samples, from another thread, never from
             two at once. It must not use gpurt. If it raises, the job is cancelled and waiting raises the same.
         :param schedule: how a CUDA device goes about it; changes no bits. By name: traversal ("stack", "leaf_lists",
-            "uber"), launch ("regular", "persistent"), fetch ("per_thread", "packets"), compaction ("block_scan",
-            "pyramid", "naive_scan", "library_scan"), shading ("immediate", "sorted"), generation ("slots",
+            "uber"), launch ("regular", "persistent", "rounds"), fetch ("per_thread", "packets"), compaction
+            ("block_scan", "pyramid", "naive_scan", "library_scan"), shading ("immediate", "sorted"), generation ("slots",
             "counted", "refilled"), ray_budget. What is left out is "auto", the library's choice.
         :param photon: settings of the pipeline "photon", by name: photons_per_pass, initial_radius (metres), kernel
             ("constant", "cone"), remedies (any of "normal", "plane", "side", "boundary"; () for none). What is left

@@ -527,6 +527,7 @@ pub type gpurt_traversal = ::std::os::raw::c_uint;
 pub const GPURT_LAUNCH_AUTO: gpurt_launch = 0;
 pub const GPURT_LAUNCH_REGULAR: gpurt_launch = 1;
 pub const GPURT_LAUNCH_PERSISTENT: gpurt_launch = 2;
+pub const GPURT_LAUNCH_ROUNDS: gpurt_launch = 3;
 pub const GPURT_LAUNCH_FORCE32: gpurt_launch = 2147483647;
 pub type gpurt_launch = ::std::os::raw::c_uint;
 pub const GPURT_FETCH_AUTO: gpurt_fetch = 0;
@@ -885,7 +886,9 @@ pub struct gpurt_reyes_counters {
     pub split_seconds: f64,
     pub dice_seconds: f64,
     pub sample_seconds: f64,
-    pub reserved: [u64; 5usize],
+    pub split_rounds: u64,
+    pub num_donated: u64,
+    pub reserved: [u64; 3usize],
 }
 pub type gpurt_progress_fn = ::std::option::Option<
     unsafe extern "C" fn(user: *mut ::std::os::raw::c_void, done: f64, total: f64),

@@ -231,7 +231,7 @@ fn layouts_and_defaults_agree() {
         gpurt_reyes_settings { shading_rate filter shading no_shadows reserved }
         gpurt_reyes_counters { num_patches num_triangles num_splits num_culled num_grids num_micropolygons
             num_fragments num_shaded largest_queue largest_bucket working_bytes bound_seconds split_seconds
-            dice_seconds sample_seconds reserved }
+            dice_seconds sample_seconds split_rounds num_donated reserved }
         gpurt_cuda_kernel { name num_launches block_threads registers local_bytes shared_bytes
             blocks_per_multiprocessor occupancy }
     }

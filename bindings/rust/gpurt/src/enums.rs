@@ -197,9 +197,9 @@ c_enum! {
         Auto = GPURT_REYES_SHADING_AUTO,
         /// At every sample.
         Samples = GPURT_REYES_SHADING_SAMPLES,
-        /// Once for each micropolygon that is seen. This version of the library does not support it.
+        /// Once for each micropolygon, before it is sampled: direct light without shadows, of patches alone.
         Micropolygons = GPURT_REYES_SHADING_MICROPOLYGONS,
-        /// Once for each 2 x 2 of them. This version of the library does not support it.
+        /// Once for each 2 x 2 of them.
         Blocks = GPURT_REYES_SHADING_BLOCKS,
     }
 }
@@ -263,6 +263,8 @@ c_enum! {
         Regular = GPURT_LAUNCH_REGULAR,
         /// As many as the device holds, which draw rays from a pool.
         Persistent = GPURT_LAUNCH_PERSISTENT,
+        /// REYES alone: one launch whose threads wait for each other after every round of cutting.
+        Rounds = GPURT_LAUNCH_ROUNDS,
     }
 }
 

@@ -194,6 +194,10 @@ filled_struct! {
             dice_seconds: f64,
             /// Per stage, summed over threads.
             sample_seconds: f64,
+            /// CUDA devices: launches, or rounds of one, in which pieces were cut.
+            split_rounds: u64,
+            /// `Launch::Persistent`: pieces that a block gave away for others to cut.
+            num_donated: u64,
         }
         converted {}
     }

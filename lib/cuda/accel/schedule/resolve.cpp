@@ -69,6 +69,11 @@ void check_has_queues(E choice, E fallback, const char *field)
 
 Schedule resolve_schedule(const Schedule &asked, ScheduleUse use, const TraceScene &scene)
 {
+  if (asked.launch == Launch::Rounds) {
+    refuse(
+        "GPURT_LAUNCH_ROUNDS is how GPURT_PIPELINE_REYES cuts patches, and rays have none; leave launch "
+        "AUTO");
+  }
   check_render_only(asked.compaction, Compaction::BlockScan, use, "compaction");
   check_render_only(asked.shading, Shading::Immediate, use, "shading");
   check_render_only(asked.generation, Generation::Slots, use, "generation");

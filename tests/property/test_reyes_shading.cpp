@@ -1,0 +1,243 @@
+// Micropolygons' own light: that of the surface, without bias, whatever tiles, threads and memory; on the CPU and on a CUDA
+// device. And one image for all schedules.
+#include "../support/patch_shapes.h"
+
+namespace {
+
+using namespace gpurt_test;
+
+class ReyesShading : public ::testing::TestWithParam<gpurt_device_type> {
+ protected:
+  void SetUp() override
+  {
+    if (GetParam() == GPURT_DEVICE_CUDA && !has_cuda()) GTEST_SKIP() << "no CUDA device";
+  }
+};
+
+constexpr uint32_t kept_outputs =
+    1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA | 1u << GPURT_OUTPUT_SAMPLE_COUNT;
+
+RenderOptions shading_options(gpurt_reyes_shading shading, uint32_t size, uint32_t spp)
+{
+  RenderOptions o;
+  o.width = o.height = size;
+  o.spp = spp;
+  o.seed = 3;
+  o.pipeline = GPURT_PIPELINE_REYES;
+  o.reyes.no_shadows = 1;
+  o.reyes.shading = shading;
+  o.max_depth = 2;
+  return o;
+}
+
+void add_light(gpurt_scene scene, gpurt_light_type type, float intensity)
+{
+  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+  light.type = type;
+  for (float &c : light.intensity) c = intensity;
+  light.intensity[2] *= 0.7f;
+  light.position[0] = light.position[1] = light.position[2] = 2;
+  light.direction[0] = 0.3f;
+  light.direction[1] = -0.2f;
+  light.direction[2] = -1;
+  uint32_t id;
+  GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
+}
+
+void coarse_commit(gpurt_scene scene)
+{
+  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+  build.accel = GPURT_ACCEL_BVH;
+  build.patch_tolerance = 0.01f;
+  GPURT_EXPECT_OK(gpurt_scene_commit(scene, &build));
+}
+
+// Dented balls of metal and chalk, with every patch of one of them twice in other colours: ties everywhere.
+Scene balls(gpurt_device device)
+{
+  Scene scene;
+  GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
+  const std::vector<PatchNet> nets = closed_patches(2, 0.2, 9);
+  std::vector<PatchNet> twice = nets;
+  twice.insert(twice.end(), nets.begin(), nets.end());
+  add_patches(scene, twice, add_material(scene, GPURT_MATERIAL_LAMBERT, {0.9f, 0.5f, 0.1f}));
+  add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.5f, 0.9f}));
+  add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.8f, 0.7f}, {0, 0, 0}, 0.5f),
+              {{0.5f, 0, 0, 1.1f, 0, -0.5f, 0, 0.2f, 0, 0, 0.5f, 0.4f}});
+  add_patches(scene, {PatchNet(nets[0])}, add_material(scene, GPURT_MATERIAL_MIRROR, {1, 1, 1}),
+              {{1, 0, 0, -1.2f, 0, 1, 0, 0.5f, 0, 0, 1, 0}});
+  add_light(scene, GPURT_LIGHT_POINT, 20);
+  add_light(scene, GPURT_LIGHT_SPOT, 9);
+  add_light(scene, GPURT_LIGHT_DISTANT, 0.5f);
+  add_camera(scene, {0.3f, 0.1f, 3}, 1.0f);
+  coarse_commit(scene);
+  return scene;
+}
+
+gpurt_statistics statistics_of(gpurt_frame frame)
+{
+  gpurt_statistics s = GPURT_STATISTICS_INIT;
+  GPURT_EXPECT_OK(gpurt_frame_get_statistics(frame, &s));
+  return s;
+}
+
+// A sheet under a distant light has one colour: E cos(theta) albedo / pi. Each sample is rounded, their mean is not.
+TEST_P(ReyesShading, KeepsTheMeanOfLight)
+{
+  const Device device = make_device(GetParam());
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_patches(scene, {flat_patch({-2, -2, 0}, {4, 0, 0}, {0, 4, 0})},
+              add_material(scene, GPURT_MATERIAL_LAMBERT, {0.77f, 0.0123f, 0.31f}));
+  add_light(scene, GPURT_LIGHT_DISTANT, 3);
+  add_camera(scene, {0, 0, 2}, 1.0f);
+  coarse_commit(scene);
+  const double cosine = 1 / std::sqrt(0.09 + 0.04 + 1);
+  const double expected[3] = {0.77 * 3 * cosine / M_PI, 0.0123 * 3 * cosine / M_PI,
+                              0.31 * 2.1 * cosine / M_PI};
+  for (const gpurt_reyes_shading shading : {GPURT_REYES_SHADING_MICROPOLYGONS, GPURT_REYES_SHADING_BLOCKS}) {
+    const RenderOptions o = shading_options(shading, 64, 4);
+    const Frame frame = make_frame(scene, o, kept_outputs);
+    render(frame, o);
+    const std::vector<float> color = read_color(frame, o);
+    // A sample is off by less than 1/128 of the largest component, or 1/64 in blue; the mean of N points by that over
+    // sqrt(12 N) times five. Samples of a micropolygon share its rounding, and there are a quarter as many blocks.
+    const double num_points = 64 * 64 * (shading == GPURT_REYES_SHADING_BLOCKS ? 1 : 4) * 0.5;
+    for (int c = 0; c < 3; ++c) {
+      const double step = expected[0] * (c == 2 ? 1.0 / 64 : 1.0 / 128);
+      double sum = 0;
+      for (size_t i = size_t(c); i < color.size(); i += 3) {
+        ASSERT_NEAR(color[i], expected[c], step) << "component " << c;
+        sum += color[i];
+      }
+      EXPECT_NEAR(sum / (64 * 64), expected[c], 5 * step / std::sqrt(12 * num_points)) << "component " << c;
+    }
+  }
+}
+
+// Means over parts of the image: those of light at samples, which draw one of the lights each.
+TEST_P(ReyesShading, LightsAsSamplesDo)
+{
+  const Device device = make_device(GetParam());
+  const Scene scene = balls(device);
+  constexpr uint32_t size = 64;
+  const RenderOptions exact = shading_options(GPURT_REYES_SHADING_SAMPLES, size, 256);
+  const Frame reference = make_frame(scene, exact, kept_outputs);
+  render(reference, exact);
+  const std::vector<float> expected = read_color(reference, exact);
+  for (const gpurt_reyes_shading shading : {GPURT_REYES_SHADING_MICROPOLYGONS, GPURT_REYES_SHADING_BLOCKS}) {
+    const RenderOptions o = shading_options(shading, size, 256);
+    const Frame frame = make_frame(scene, o, kept_outputs);
+    render(frame, o);
+    const std::vector<float> color = read_color(frame, o);
+    const double overall = mean(color), wanted = mean(expected);
+    // Where surfaces coincide, samples take the lower root and micropolygons the brighter one: chalk of two colours.
+    EXPECT_NEAR(overall, wanted, 0.02 * wanted);
+    // The metal ball alone, to the right of the others.
+    double sum[2] = {0, 0};
+    for (uint32_t y = 20; y < 40; ++y) {
+      for (uint32_t x = 48; x < 58; ++x) {
+        for (uint32_t c = 0; c < 3; ++c) {
+          sum[0] += expected[(y * size + x) * 3 + c];
+          sum[1] += color[(y * size + x) * 3 + c];
+        }
+      }
+    }
+    EXPECT_GT(sum[0], 0);
+    EXPECT_NEAR(sum[1], sum[0], 0.02 * sum[0]);
+  }
+}
+
+TEST_P(ReyesShading, HasTheSameBitsForAnyTilesThreadsAndMemory)
+{
+  std::vector<std::vector<float>> first;
+  const uint64_t little_memory = uint64_t(GetParam() == GPURT_DEVICE_CUDA ? 20 : 12) << 20;
+  for (const auto &[threads, tile, limit] : {std::tuple{1u, 64u, uint64_t(0)},
+                                             {2u, 16u, uint64_t(0)},
+                                             {2u, 7u, uint64_t(0)},
+                                             {1u, 256u, little_memory}}) {
+    const Device device = make_device(GetParam(), threads, limit);
+    const Scene scene = balls(device);
+    size_t at = 0;
+    for (const gpurt_reyes_shading shading :
+         {GPURT_REYES_SHADING_MICROPOLYGONS, GPURT_REYES_SHADING_BLOCKS}) {
+      for (const gpurt_reyes_filter filter : {GPURT_REYES_FILTER_BOX, GPURT_REYES_FILTER_MITCHELL}) {
+        RenderOptions o = shading_options(shading, 90, 9);
+        o.reyes.filter = filter;
+        o.tile_size = tile;
+        const Frame frame = make_frame(scene, o, kept_outputs);
+        render(frame, o);
+        const std::vector<float> color = read_color(frame, o);
+        if (first.size() <= at) first.push_back(color);
+        ASSERT_EQ(std::memcmp(first[at].data(), color.data(), color.size() * sizeof(float)), 0)
+            << threads << " threads, tiles of " << tile << ", filter " << filter << ", shading " << shading;
+        ++at;
+      }
+    }
+  }
+}
+
+// What was shaded once for a frame is the same in the next job, and counts of points say what it cost.
+TEST_P(ReyesShading, GoesOnAndCounts)
+{
+  const Device device = make_device(GetParam(), 1);
+  const Scene scene = balls(device);
+  RenderOptions o = shading_options(GPURT_REYES_SHADING_MICROPOLYGONS, 64, 16);
+  o.tile_size = 64;
+  const Frame whole = make_frame(scene, o, kept_outputs);
+  render(whole, o);
+  const Frame parts = make_frame(scene, o, kept_outputs);
+  for (const uint32_t spp : {3u, 16u}) {
+    o.spp = spp;
+    render(parts, o);
+  }
+  EXPECT_EQ(read_color(whole, o), read_color(parts, o));
+  const gpurt_statistics micropolygons = statistics_of(whole);
+  EXPECT_EQ(micropolygons.reyes_counters.num_shaded, micropolygons.reyes_counters.num_micropolygons);
+  EXPECT_EQ(micropolygons.num_shadow_rays, 0u);
+  o.reyes.shading = GPURT_REYES_SHADING_BLOCKS;
+  const Frame blocks = make_frame(scene, o, kept_outputs);
+  render(blocks, o);
+  const gpurt_statistics s = statistics_of(blocks);
+  EXPECT_EQ(s.reyes_counters.num_micropolygons, micropolygons.reyes_counters.num_micropolygons);
+  EXPECT_LT(s.reyes_counters.num_shaded, micropolygons.reyes_counters.num_shaded / 3);
+  EXPECT_GE(s.reyes_counters.num_shaded, micropolygons.reyes_counters.num_shaded / 4);
+}
+
+TEST_P(ReyesShading, RefusesWhatItCannotLight)
+{
+  const Device device = make_device(GetParam());
+  const auto refuse = [&](const char *text, const auto &change, uint32_t outputs = kept_outputs,
+                          uint32_t no_shadows = 1) {
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+    add_patches(scene, closed_patches(1, 0.1, 2));
+    add_light(scene, GPURT_LIGHT_POINT, 1);
+    add_camera(scene, {0, 0, 3}, 1);
+    change(scene);
+    coarse_commit(scene);
+    const RenderOptions o = shading_options(GPURT_REYES_SHADING_BLOCKS, 8, 1);
+    const Frame frame = make_frame(scene, o, outputs);
+    gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+    desc.pipeline = GPURT_PIPELINE_REYES;
+    desc.reyes = o.reyes;
+    desc.reyes.no_shadows = no_shadows;
+    Job job;
+    EXPECT_EQ(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()), GPURT_ERROR_UNSUPPORTED) << text;
+    EXPECT_NE(std::string(gpurt_last_error()).find(text), std::string::npos) << gpurt_last_error();
+    EXPECT_NE(std::string(gpurt_last_error()).find("GPURT_REYES_SHADING_BLOCKS"), std::string::npos);
+  };
+  const auto nothing = [](gpurt_scene) {};
+  refuse("shadows are rays", nothing, kept_outputs, 0);
+  refuse("normal", nothing, kept_outputs | 1u << GPURT_OUTPUT_NORMAL);
+  refuse("meshes", [](gpurt_scene scene) { add_mesh(scene, icosphere(1)); });
+  refuse("environment", [](gpurt_scene scene) { set_environment(scene, 1); });
+  refuse("lamps", [](gpurt_scene scene) {
+    add_patches(scene, closed_patches(1, 0, 1),
+                add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}, {1, 1, 1}));
+  });
+}
+
+INSTANTIATE_TEST_SUITE_P(Cpu, ReyesShading, ::testing::Values(GPURT_DEVICE_CPU));
+
+}  // namespace
