@@ -1,7 +1,7 @@
 // REYES frames: time of every stage on the device, micropolygons a second. One JSON line a case.
 //
 //   bench_reyes [--device cpu|cuda] [--scene FILE]... [--size WxH]... [--spp N] [--rate AREA] [--shadows 0|1]
-//               [--repeats N] [--threads N]
+//               [--shading samples|micropolygons|blocks] [--repeats N] [--threads N]
 //
 // Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here. Each frame is a new one; the first
 // of a case is not counted. Times of stages are medians of what the device spent; "visible_ms" is their sum up to what
@@ -31,6 +31,7 @@ struct Options {
   uint32_t spp = 9, repeats = 9, threads = 0;
   bool has_shadows = false;
   float rate = 0.25f;
+  gpurt_reyes_shading shading = GPURT_REYES_SHADING_SAMPLES;
 };
 
 using Point = std::array<float, 3>;
@@ -132,6 +133,7 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
     gpurt_frame_desc frame_desc = GPURT_FRAME_DESC_INIT;
     frame_desc.width = size.width;
     frame_desc.height = size.height;
+    frame_desc.outputs = 1u << GPURT_OUTPUT_COLOR;
     gpurt_frame frame = nullptr;
     check(gpurt_frame_create(scene, &frame_desc, &frame), "gpurt_frame_create");
     const double created = now();
@@ -139,6 +141,7 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
     desc.pipeline = GPURT_PIPELINE_REYES;
     desc.samples_per_pixel = o.spp;
     desc.reyes.shading_rate = o.rate;
+    desc.reyes.shading = o.shading;
     desc.reyes.no_shadows = o.has_shadows ? 0 : 1;
     gpurt_job job = nullptr;
     check(gpurt_frame_submit(frame, &desc, nullptr, 0, &job), "gpurt_frame_submit");
@@ -158,9 +161,10 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
   const gpurt_reyes_counters &c = s.reyes_counters;
   std::printf(
       "{\"bench\":\"reyes\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
-      "\"shading_rate\":%g,\"shadows\":%d,\"wall_ms\":%.4f,\"create_ms\":%.4f,\"render_ms\":%.4f,\"release_ms\":%.4f",
-      device, name, size.width, size.height, o.spp, double(o.rate), int(o.has_shadows), median(wall) * 1e3,
-      median(create) * 1e3, median(render) * 1e3, median(release) * 1e3);
+      "\"shading\":%d,\"shading_rate\":%g,\"shadows\":%d,\"wall_ms\":%.4f,\"create_ms\":%.4f,\"render_ms\":%."
+      "4f,\"release_ms\":%.4f",
+      device, name, size.width, size.height, o.spp, int(o.shading), double(o.rate), int(o.has_shadows),
+      median(wall) * 1e3, median(create) * 1e3, median(render) * 1e3, median(release) * 1e3);
   double visible = 0;
   for (size_t k = 0; k < std::size(stages); ++k) {
     const double ms = median(seconds[k]) * 1e3;
@@ -193,7 +197,11 @@ Options parse(int argc, char **argv)
     else if (name == "--spp") o.spp = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--rate") o.rate = float(std::atof(value.c_str()));
     else if (name == "--shadows") o.has_shadows = value == "1";
-    else if (name == "--repeats") o.repeats = uint32_t(std::max(1, std::atoi(value.c_str())));
+    else if (name == "--shading") {
+      o.shading = value == "micropolygons" ? GPURT_REYES_SHADING_MICROPOLYGONS
+                  : value == "blocks"      ? GPURT_REYES_SHADING_BLOCKS
+                                           : GPURT_REYES_SHADING_SAMPLES;
+    } else if (name == "--repeats") o.repeats = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--threads") o.threads = uint32_t(std::atoi(value.c_str()));
     else {
       std::fprintf(stderr, "error: unknown option %s %s\n", name.c_str(), value.c_str());

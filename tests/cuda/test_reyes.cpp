@@ -208,6 +208,94 @@ TEST(CudaReyes, OfUnshadowedLightHasTheBitsOfTheCpu)
   compare_devices(cpu, cuda, fill_everything, {unshadowed_pictures()[0]});
 }
 
+// Light of micropolygons: of their own alone, so in frames of few outputs.
+std::vector<float> own_light(gpurt_scene scene, const ReyesPicture &p)
+{
+  gpurt_frame_desc desc = GPURT_FRAME_DESC_INIT;
+  desc.width = p.options.width;
+  desc.height = p.options.height;
+  desc.seed = p.options.seed;
+  desc.outputs = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA | 1u << GPURT_OUTPUT_VARIANCE;
+  Frame frame;
+  GPURT_EXPECT_OK(gpurt_frame_create(scene, &desc, frame.out()));
+  render(frame, p.options);
+  std::vector<float> values(size_t(desc.width) * desc.height * 7);
+  const size_t n = size_t(desc.width) * desc.height * sizeof(float);
+  GPURT_EXPECT_OK(gpurt_frame_read(frame, GPURT_OUTPUT_COLOR, values.data(), 3 * n));
+  GPURT_EXPECT_OK(gpurt_frame_read(frame, GPURT_OUTPUT_VARIANCE, values.data() + 3 * (n / 4), 3 * n));
+  GPURT_EXPECT_OK(gpurt_frame_read(frame, GPURT_OUTPUT_ALPHA, values.data() + 6 * (n / 4), n));
+  return values;
+}
+
+std::vector<ReyesPicture> own_light_pictures()
+{
+  const uint32_t side = uint32_t(amount(150, 40));
+  std::vector<ReyesPicture> pictures = {reyes_picture(side, side, 9),
+                                        reyes_picture(side, side, 5, 1.0f, GPURT_REYES_FILTER_MITCHELL),
+                                        reyes_picture(side, side, 16, 2.0f), reyes_picture(side, side, 20),
+                                        reyes_picture(side, side, 9, 60.0f)};
+  for (ReyesPicture &p : pictures) {
+    p.options.reyes.no_shadows = 1;
+    p.options.reyes.shading = GPURT_REYES_SHADING_MICROPOLYGONS;
+  }
+  pictures.push_back(pictures[0]);
+  pictures.back().options.reyes.shading = GPURT_REYES_SHADING_BLOCKS;
+  return pictures;
+}
+
+// Dented metal, patches that coincide in two colours, and one through the eye.
+void fill_own_light(gpurt_scene scene)
+{
+  const std::vector<PatchNet> nets = closed_patches(3, 0.3, 5);
+  add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.5f, 0.1f}, {0, 0, 0}, 0.4f),
+              {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {0.5f, 0, 0, 1.2f, 0, -0.5f, 0, 0, 0, 0, 0.5f, 0}});
+  const uint32_t blue = add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.5f, 0.9f});
+  add_patches(scene, {flat_patch({-50, -1.1f, -50}, {100, 0, 0}, {0, 0, 100})}, blue);
+  add_patches(scene, {flat_patch({-50, -1.1f, -50}, {0, 0, 100}, {100, 0, 0})});
+  for (const gpurt_light_type type : {GPURT_LIGHT_POINT, GPURT_LIGHT_DISTANT}) {
+    gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+    light.type = type;
+    for (float &c : light.intensity) c = type == GPURT_LIGHT_POINT ? 20.0f : 1.0f;
+    light.position[0] = light.position[1] = light.position[2] = 2;
+    light.direction[0] = 0.5f;
+    light.direction[1] = -1;
+    uint32_t id;
+    GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
+  }
+  add_camera(scene, {0, 0.3f, 3.5f}, 1.0f);
+}
+
+void compare_own_light(gpurt_scene expected, gpurt_scene tested, ReyesPicture p)
+{
+  SCOPED_TRACE(testing::Message() << p.options.spp << " samples, shading rate "
+                                  << p.options.reyes.shading_rate << ", filter " << p.options.reyes.filter);
+  const std::vector<float> values = own_light(expected, p);
+  const auto differ = [&] {
+    const std::vector<float> others = own_light(tested, p);
+    size_t n = 0;
+    for (size_t i = 0; i < values.size(); ++i) n += std::memcmp(&values[i], &others[i], sizeof(float)) != 0;
+    return n;
+  };
+  EXPECT_EQ(differ(), 0u) << "of " << values.size() << " numbers";
+  p.options.tile_size = 29;
+  EXPECT_EQ(differ(), 0u) << "of " << values.size() << " numbers, in tiles";
+}
+
+TEST(CudaReyes, OfMicropolygonsOwnLightHasTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Scene a = scene_of(make_device(GPURT_DEVICE_CPU), fill_own_light),
+              b = scene_of(make_device(GPURT_DEVICE_CUDA), fill_own_light);
+  for (const ReyesPicture &p : own_light_pictures()) compare_own_light(a, b, p);
+}
+
+TEST(Reyes, OfMicropolygonsOwnLightDoesNotDependOnTheNumberOfThreads)
+{
+  const Scene a = scene_of(make_device(GPURT_DEVICE_CPU, 1), fill_own_light),
+              b = scene_of(make_device(GPURT_DEVICE_CPU, 0), fill_own_light);
+  compare_own_light(a, b, own_light_pictures()[0]);
+}
+
 TEST(CudaReyes, AtTheEyeHasTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
@@ -308,6 +396,10 @@ TEST_P(CudaReyesScenes, HaveTheBitsOfTheCpu)
   compare(a, b, p);
   p.options.reyes.no_shadows = 1;
   compare(a, b, p);
+  const std::string name = GetParam();
+  if (name != "killeroo_patches" && name != "bigguy_patches") return;
+  p.options.reyes.shading = GPURT_REYES_SHADING_MICROPOLYGONS;
+  compare_own_light(a, b, p);
 }
 
 TEST(Reyes, OfEverythingDoesNotDependOnTheNumberOfThreads)

@@ -239,5 +239,6 @@ TEST_P(ReyesShading, RefusesWhatItCannotLight)
 }
 
 INSTANTIATE_TEST_SUITE_P(Cpu, ReyesShading, ::testing::Values(GPURT_DEVICE_CPU));
+INSTANTIATE_TEST_SUITE_P(Cuda, ReyesShading, ::testing::Values(GPURT_DEVICE_CUDA));
 
 }  // namespace

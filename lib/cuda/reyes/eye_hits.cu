@@ -6,14 +6,27 @@
 namespace gpurt::cuda {
 namespace {
 
+constexpr uint32_t samples_per_warp = 256;
+
 __global__ void __launch_bounds__(block_size)
     mark_visible(const unsigned long long *keys, uint32_t n, uint32_t *visible)
 {
-  const uint64_t i = thread_item();
-  if (i >= n || keys[i] == 0) return;
-  const uint32_t root = ~uint32_t(keys[i]), bit = 1u << root % 32;
-  // Most samples find it done.
-  if ((*const_cast<volatile uint32_t *>(visible + root / 32) & bit) == 0) atomicOr(visible + root / 32, bit);
+  // A warp takes a run of samples: neighbours mostly see the same root, and a word that all look at takes turns.
+  const uint32_t lane = threadIdx.x % 32;
+  const uint64_t begin = thread_item() / 32 * samples_per_warp + lane;
+  uint32_t last = invalid_id;
+  for (uint32_t k = 0; k < samples_per_warp; k += 32) {
+    const uint64_t i = begin + k;
+    const unsigned long long key = i < n ? keys[i] : 0;
+    const uint32_t root = key != 0 ? ~uint32_t(key) : last;
+    const uint32_t before = __shfl_up_sync(0xffffffffu, root, 1);
+    if (root != last && (lane == 0 || root != before)) {
+      const uint32_t bit = 1u << root % 32;
+      uint32_t *word = visible + root / 32;
+      if ((*const_cast<volatile uint32_t *>(word) & bit) == 0) atomicOr(word, bit);
+    }
+    last = root;
+  }
 }
 
 __global__ void __launch_bounds__(block_size)
@@ -22,12 +35,12 @@ __global__ void __launch_bounds__(block_size)
   const uint32_t i = uint32_t(thread_item());
   bool is_shaded = false;
   if (i < n) {
-    const uint32_t slot = eye.slots[eye.unit.first_path + i];
+    const PathSample s = path_sample(eye.unit, i);
+    const uint64_t slot = slot_of(eye, eye.unit.first_path + i, s.local, s.sample - eye.unit.first_sample);
     const unsigned long long key = eye.keys[slot];
     const uint32_t root = key != 0 ? ~uint32_t(key) : invalid_id;
     Ray ray = wave.rays.rays[i];
     if (eye.places.filter != ReyesFilter::Box) {
-      const PathSample s = path_sample(eye.unit, i);
       const SampleKey sample = sample_key(eye.settings.seed, eye.settings.frame_index, s.x, s.y, s.sample);
       const FilteredPlace place =
           place_sample(eye.places.filter, eye.places.table, sample_2d(sample, dim_pixel));
@@ -51,7 +64,8 @@ __global__ void __launch_bounds__(block_size)
 
 void launch_mark_visible(const SampleGrid &grid, uint32_t *visible, cudaStream_t stream)
 {
-  launch("REYES' roots that are seen", mark_visible, grid.num_samples, stream, grid.keys, grid.num_samples,
+  const uint64_t num_warps = (uint64_t(grid.num_samples) + samples_per_warp - 1) / samples_per_warp;
+  launch("REYES' roots that are seen", mark_visible, num_warps * 32, stream, grid.keys, grid.num_samples,
          visible);
 }
 

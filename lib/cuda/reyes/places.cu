@@ -126,6 +126,44 @@ __global__ void __launch_bounds__(block_size)
   }
 }
 
+// Samples of pixel i in the order of their numbers, and which of them lie left of and above each eighth of the pixel.
+__global__ void __launch_bounds__(block_size)
+    place_with_masks(const __grid_constant__ SamplePlaces p, const __grid_constant__ SampleGrid grid,
+                     uint32_t num_pixels, uint32_t *first, uint16_t *at, uint16_t *masks)
+{
+  __shared__ uint16_t found[most_masked][block_size];
+  const uint32_t i = uint32_t(thread_item());
+  if (i >= num_pixels) return;
+  PathSample s = path_sample(p.unit, i);
+  const uint32_t num = uint32_t(p.num_samples);
+  constexpr uint64_t ones = 0x0001000100010001u;
+  // Entries 0 .. 3 and 4 .. 7 of an axis. A sample in eighth e lies left of eighths e + 1 and on.
+  uint64_t low[2] = {0, 0}, high[2] = {0, 0};
+  for (uint32_t k = 0; k < num; ++k, ++s.sample) {
+    const uint16_t place = place_in_pixel(grid, raster_sample(p, s));
+    found[k][threadIdx.x] = place;
+    for (int axis = 0; axis < 2; ++axis) {
+      const uint32_t e = (axis == 0 ? place & 255u : uint32_t(place) >> 8) >> (unit_bits - 3);
+      low[axis] |= (uint64_t(1) | (e < 3 ? ones << 16 * (e + 1) : 0)) << k;
+      high[axis] |= (e < 4 ? ones : (e < 7 ? ones << 16 * (e - 3) : 0)) << k;
+    }
+  }
+  for (uint32_t k = num; k < most_masked; ++k) found[k][threadIdx.x] = 0;
+  first[s.local] = s.local * num;
+  if (s.local == num_pixels - 1) first[num_pixels] = num_pixels * num;
+  const auto pair = [&](uint32_t k) {
+    return found[k][threadIdx.x] | uint32_t(found[k + 1][threadIdx.x]) << 16;
+  };
+  uint4 *to = reinterpret_cast<uint4 *>(at) + uint64_t(s.local) * (most_masked / 8);
+  to[0] = make_uint4(pair(0), pair(2), pair(4), pair(6));
+  to[1] = make_uint4(pair(8), pair(10), pair(12), pair(14));
+  to = reinterpret_cast<uint4 *>(masks) + uint64_t(s.local) * (most_masked / 8);
+  for (int axis = 0; axis < 2; ++axis) {
+    to[axis] = make_uint4(uint32_t(low[axis]), uint32_t(low[axis] >> 32), uint32_t(high[axis]),
+                          uint32_t(high[axis] >> 32));
+  }
+}
+
 __device__ uint32_t cell_of(const SampleGrid &grid, RasterSample s)
 {
   return cell_index(grid, (s.x - grid.x0) >> grid.cell_bits, (s.y - grid.y0) >> grid.cell_bits);
@@ -158,11 +196,16 @@ __global__ void __launch_bounds__(block_size)
 uint64_t place_scan_bytes(uint32_t n) { return library_scan_bytes(n); }
 
 void launch_place_samples(const SamplePlaces &places, const SampleGrid &grid, uint32_t *first, uint16_t *at,
-                          uint32_t *slots, uint32_t *counts, void *scan_memory, uint64_t scan_bytes,
-                          cudaStream_t stream)
+                          uint16_t *masks, uint32_t *slots, uint32_t *counts, void *scan_memory,
+                          uint64_t scan_bytes, cudaStream_t stream)
 {
+  const uint32_t num_pixels = (places.unit.x1 - places.unit.x0) * (places.unit.y1 - places.unit.y0);
+  if (masks != nullptr) {
+    launch("REYES stage 'places', masks", place_with_masks, num_pixels, stream, places, grid, num_pixels,
+           first, at, masks);
+    return;
+  }
   if (counts == nullptr) {
-    const uint32_t num_pixels = (places.unit.x1 - places.unit.x0) * (places.unit.y1 - places.unit.y0);
     if (cell_shift(grid) == 2) {
       launch("REYES stage 'places', fine cells", place_by_pixels<FineCells>, num_pixels, stream, places, grid,
              num_pixels, first, at, slots);

@@ -74,14 +74,17 @@ class ReyesRenderer {
     auto work = std::make_unique<Workspace>();
     work->groups = group_units(pass_.units, std::max(max_group_samples >> level, min_group_samples),
                                max_group_pixels >> level);
-    uint64_t num_samples = 1, num_cells = 1;
+    uint64_t num_samples = 1, num_cells = 1, most_samples_per_pixel = 1;
+    for (const UnitGroup &g : work->groups)
+      most_samples_per_pixel = std::max(most_samples_per_pixel, g.bounds.num_samples);
+    const bool has_masks = VisibleSamples::suits_masks(reyes_, *pass_.reyes, most_samples_per_pixel);
     for (const UnitGroup &g : work->groups) {
       num_samples = std::max(num_samples, g.num_paths());
-      num_cells = std::max(num_cells, VisibleSamples::cells_of(g.bounds, *pass_.reyes));
+      num_cells = std::max(num_cells, VisibleSamples::cells_of(g.bounds, *pass_.reyes, has_masks));
       work->film_bytes = std::max(work->film_bytes, GroupFilm(g.num_pixels(), pass_.outputs).bytes());
     }
-    work->samples.emplace(memory_, reyes_.view, reyes_.num_roots, reyes_.has_meshes, *pass_.reyes,
-                          ReyesListSizes::at_level(level, reyes_.num_roots), num_samples, num_cells);
+    work->samples.emplace(memory_, reyes_, *pass_.reyes, ReyesListSizes::at_level(level, reyes_.num_roots),
+                          num_samples, num_cells, has_masks);
     const uint32_t wave_paths = std::max(max_wave_paths >> level, min_wave_paths);
     if (needs_rays_)
       work->wave.emplace(memory_, uint32_t(std::min<uint64_t>(num_samples, wave_paths)), pass_.schedule,
@@ -99,7 +102,9 @@ class ReyesRenderer {
     if (!samples.find(u, pass_.settings, pass_.cancelled, lane.stream(), counters.reyes)) return false;
 
     const GroupFilm layout(group.num_pixels(), pass_.outputs);
-    check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
+    // Where samples have light of their own every pixel is written.
+    if (pass_.reyes->shading == ReyesShading::Samples)
+      check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
     const FilmView film = layout.view(work.film.data(), u.x1 - u.x0, u.y1 - u.y0);
     WaveCounters wave_counters;
     if (!needs_rays_) samples.shade_at_once(pass_.settings, film, lane.stream());
@@ -148,16 +153,8 @@ class ReyesRenderer {
 
 }  // namespace
 
-ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings)
+ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &)
 {
-  if (settings.shading != ReyesShading::Samples) {
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "reyes.shading {} is not supported by this version on CUDA devices; use "
-         "GPURT_REYES_SHADING_SAMPLES, or a "
-         "CPU device",
-         settings.shading == ReyesShading::Blocks ? "GPURT_REYES_SHADING_BLOCKS"
-                                                  : "GPURT_REYES_SHADING_MICROPOLYGONS");
-  }
   if (asked.launch != Launch::Auto && asked.launch != Launch::Rounds) {
     fail(GPURT_ERROR_UNSUPPORTED,
          "schedule.launch is {}, but this version's GPURT_PIPELINE_REYES cuts patches by GPURT_LAUNCH_ROUNDS "

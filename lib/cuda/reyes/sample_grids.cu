@@ -56,12 +56,16 @@ __device__ __forceinline__ float cover_tiny(const TinyTriangle &t, float x, floa
 // A lane's way through the samples of some cells, as SampleWalk's, with places from a micropolygon's first vertex.
 class TinyWalk {
  public:
-  __device__ TinyWalk(const SampleGrid &g, const CellRange &cells, int32_t ax, int32_t ay, bool is_there)
-      : cells_(cells), ax_(ax), ay_(ay), pixel_((cells.x0 >> cell_shift(g)) - 1), y_(cells.y0)
+  __device__ TinyWalk(const SampleGrid &g, int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t ax,
+                      int32_t ay, bool is_there)
+      : cells_{0, 0, -1, -1}, ax_(ax), ay_(ay)
   {
-    if (!is_there) y_ = cells_.y1 + 1;
+    is_there = is_there && cells_of_box(g, x0, y0, x1, y1, cells_);
+    pixel_ = (cells_.x0 >> cell_shift(g)) - 1;
+    y_ = is_there ? cells_.y0 : cells_.y1 + 1;
     seek(g);
   }
+  __device__ uint32_t place(const SampleGrid &g) const { return g.places[k_]; }
   __device__ bool is_at_sample() const { return k_ < end_; }
   __device__ uint32_t slot() const { return k_; }
   __device__ void advance(const SampleGrid &g)
@@ -98,6 +102,63 @@ class TinyWalk {
   float base_x_ = 0.0f, base_y_ = 0.0f;
 };
 
+// The same through pixels with masks: what lies in the eighths that the box touches.
+class MaskWalk {
+ public:
+  __device__ MaskWalk(const SampleGrid &g, int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t ax,
+                      int32_t ay, bool is_there)
+      : x0_(x0 - g.x0), y0_(y0 - g.y0), x1_(x1 - g.x0), y1_(y1 - g.y0), ax_(ax - g.x0), ay_(ay - g.y0)
+  {
+    y_ = max(y0_ >> unit_bits, 0);
+    last_x_ = min(x1_ >> unit_bits, g.cells_x - 1);
+    last_y_ = is_there ? min(y1_ >> unit_bits, g.cells_y - 1) : -1;
+    x_ = first_x() - 1;
+    seek(g);
+  }
+  __device__ bool is_at_sample() const { return bits_ != 0; }
+  __device__ uint32_t slot() const { return first_ + sample(); }
+  __device__ uint32_t place(const SampleGrid &g) const { return g.places[pixel_ * most_masked + sample()]; }
+  __device__ void advance(const SampleGrid &g)
+  {
+    bits_ &= bits_ - 1;
+    seek(g);
+  }
+  __device__ float x(uint32_t place) const { return __uint_as_float(0x4b000000u | (place & 255)) + base_x_; }
+  __device__ float y(uint32_t place) const { return __uint_as_float(0x4b000000u | place >> 8) + base_y_; }
+
+ private:
+  __device__ int32_t first_x() const { return max(x0_ >> unit_bits, 0); }
+  __device__ uint32_t sample() const { return uint32_t(__ffs(int(bits_))) - 1; }
+  // Samples of an axis in the eighths that [from, to], from the pixel's corner, touches.
+  static __device__ uint32_t between(const uint16_t *masks, int32_t from, int32_t to)
+  {
+    const int32_t lo = max(from >> (unit_bits - 3), 0), hi = min((to >> (unit_bits - 3)) + 1, 8);
+    return masks[hi & 7] & ~(lo != 0 ? uint32_t(masks[lo]) : 0u);
+  }
+  __device__ void seek(const SampleGrid &g)
+  {
+    while (bits_ == 0 && y_ <= last_y_) {
+      if (++x_ > last_x_) {
+        x_ = first_x() - 1;
+        ++y_;
+        continue;
+      }
+      pixel_ = uint32_t(y_ * g.cells_x + x_);
+      first_ = pixel_ * g.samples_per_pixel;
+      const int32_t corner_x = x_ << unit_bits, corner_y = y_ << unit_bits;
+      const uint16_t *masks = g.masks + uint64_t(pixel_) * most_masked;
+      bits_ =
+          between(masks, x0_ - corner_x, x1_ - corner_x) & between(masks + 8, y0_ - corner_y, y1_ - corner_y);
+      base_x_ = float(corner_x - ax_) - 0x1p23f;
+      base_y_ = float(corner_y - ay_) - 0x1p23f;
+    }
+  }
+
+  int32_t x0_, y0_, x1_, y1_, ax_, ay_, x_, y_, last_x_, last_y_;
+  uint32_t bits_ = 0, pixel_ = 0, first_ = 0;
+  float base_x_ = 0.0f, base_y_ = 0.0f;
+};
+
 // Samples of a warp's grid that see it: where on it they lie is found out by all lanes together.
 struct SeenSamples {
   WarpPlaces places;
@@ -106,8 +167,8 @@ struct SeenSamples {
 };
 
 // Where on the root a sample of a micropolygon lies: of its two triangles, if both are there equally near, the smaller.
-__device__ __forceinline__ uint64_t spot_of(const WarpGrid &g, const WarpPlaces &places, uint32_t quad, float x,
-                                            float y)
+__device__ __forceinline__ uint64_t spot_of(const WarpGrid &g, const WarpPlaces &places, uint32_t quad,
+                                            float x, float y)
 {
   const uint32_t width = (1u << g.piece.grid_u) + 1, num_u = width - 1;
   const uint32_t a = (quad >> g.piece.grid_u) * width + (quad & (num_u - 1));
@@ -125,9 +186,8 @@ __device__ __forceinline__ uint64_t spot_of(const WarpGrid &g, const WarpPlaces 
     float share_b, share_c;
     const float z = cover(t, x, y, share_b, share_c);
     if (!(z > 0.0f && z >= nearest)) continue;
-    const Vec2f corners[3] = {{places.u[k[0]], places.v[k[0]]},
-                              {places.u[k[1]], places.v[k[1]]},
-                              {places.u[k[2]], places.v[k[2]]}};
+    const Vec2f corners[3] = {
+        {places.u[k[0]], places.v[k[0]]}, {places.u[k[1]], places.v[k[1]]}, {places.u[k[2]], places.v[k[2]]}};
     const uint64_t key = place_key(cover_uv(t, corners, z, share_b, share_c));
     spot = z > nearest ? key : min(spot, key);
     nearest = z;
@@ -148,16 +208,21 @@ __device__ __forceinline__ void put_spots(const ReyesBatch &b, const WarpGrid &g
   __syncwarp();
 }
 
-template <bool finds_spots>
+// What a look at the micropolygons is for: what is nearest, where on it samples lie, or what is nearest with its light.
+enum class Look { Nearest, Spots, OwnLight };
+
+template <Look look, class Walk>
 __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_constant__ ReyesBatch b)
 {
+  constexpr bool finds_spots = look == Look::Spots, has_light = look == Look::OwnLight;
+  __shared__ WarpLight lights[has_light ? block_size / 32 : 1];
   __shared__ WarpGrid grids[block_size / 32];
   __shared__ SeenSamples seen_samples[finds_spots ? block_size / 32 : 1];
   WarpGrid &g = grids[threadIdx.x / 32];
   SeenSamples &seen = seen_samples[finds_spots ? threadIdx.x / 32 : 0];
   const uint32_t lane = threadIdx.x % 32;
   const uint32_t num_leaves = b.numbers->num_leaves;
-  uint32_t num_grids = 0, num_micropolygons = 0, num_fragments = 0;
+  uint32_t num_grids = 0, num_micropolygons = 0, num_fragments = 0, num_shaded = 0;
   for (uint32_t leaf; (leaf = next_item(&b.numbers->tickets[0], num_leaves)) != num_leaves;) {
     const uint32_t slot = b.leaves[leaf].slot, root = b.roots[slot];
     if (finds_spots && !is_visible(b, root)) continue;
@@ -170,6 +235,7 @@ __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_const
                    num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);
     ++num_grids;
     num_micropolygons += num_quads;
+    if constexpr (has_light) num_shaded += shade_grid(b, g, root, lights[threadIdx.x / 32], lane);
     uint32_t num_seen = 0;
     for (uint32_t first = 0; first < num_quads; first += 32) {
       const uint32_t q = first + lane;
@@ -190,16 +256,18 @@ __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_const
       const float rcx = float(cx - ax), rcy = float(cy - ay);
       const bool has_s = make_tiny_triangle(za, float(bx - ax), float(by - ay), g.z[ib], rcx, rcy, zc, s);
       const bool has_t = make_tiny_triangle(za, rcx, rcy, zc, float(dx - ax), float(dy - ay), g.z[id], t);
-      CellRange cells{0, 0, -1, -1};
-      const bool is_there = is_quad && (has_s || has_t) && cells_of_box(b.samples, x0, y0, x1, y1, cells);
+      const bool is_there = is_quad && (has_s || has_t);
+      // What samples keep: the root's number or, in its place, light.
+      uint32_t kept = root;
+      if constexpr (has_light) kept = ~light_of(b, g, lights[threadIdx.x / 32], is_quad ? q : 0);
       // One without area covers nothing.
       if (!has_s) s.threshold_a = infinity;
       if (!has_t) t.threshold_a = infinity;
-      TinyWalk walk(b.samples, cells, ax, ay, is_there);
+      Walk walk(b.samples, x0, y0, x1, y1, ax, ay, is_there);
       while (__any_sync(all_lanes, walk.is_at_sample())) {
         float z = 0.0f, x = 0.0f, y = 0.0f;
         if (walk.is_at_sample()) {
-          const uint32_t place = b.samples.places[walk.slot()];
+          const uint32_t place = walk.place(b.samples);
           x = walk.x(place);
           y = walk.y(place);
           const float zs = cover_tiny(s, x, y), zt = cover_tiny(t, x, y);
@@ -223,7 +291,7 @@ __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_const
         } else {
           num_fragments += z > 0.0f ? 1 : 0;
           __syncwarp();
-          if (z > 0.0f) put<false>(b, walk.slot(), root, z, {});
+          if (z > 0.0f) put<false>(b, walk.slot(), kept, z, {});
         }
         if (walk.is_at_sample()) walk.advance(b.samples);
       }
@@ -235,6 +303,7 @@ __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_const
   if (lane == 0) {
     atomicAdd(&b.numbers->num_grids, static_cast<unsigned long long>(num_grids));
     atomicAdd(&b.numbers->num_micropolygons, static_cast<unsigned long long>(num_micropolygons));
+    if (has_light) atomicAdd(&b.numbers->num_shaded, static_cast<unsigned long long>(num_shaded));
   }
   add_of_lanes(&b.numbers->num_fragments, num_fragments);
 }
@@ -266,10 +335,21 @@ void launch_sample_grids(const ReyesBatch &batch, bool finds_spots, cudaStream_t
   if (batch.scene.scene.has_alpha_masks != 0) {
     launch_persistent("REYES' grids of masked surfaces", leave_all, batch.leaf_capacity, stream, batch,
                       finds_spots);
+    return;
+  }
+  const auto launch_look = [&](const char *name, auto cells, auto masks) {
+    if (batch.samples.masks != nullptr) launch_persistent(name, masks, n, stream, batch);
+    else launch_persistent(name, cells, n, stream, batch);
+  };
+  if (batch.has_own_light) {
+    launch_look("REYES stages 'dice', 'shade' and 'sample'", sample_grids<Look::OwnLight, TinyWalk>,
+                sample_grids<Look::OwnLight, MaskWalk>);
   } else if (finds_spots) {
-    launch_persistent("REYES stages 'dice' and 'sample', places", sample_grids<true>, n, stream, batch);
+    launch_look("REYES stages 'dice' and 'sample', places", sample_grids<Look::Spots, TinyWalk>,
+                sample_grids<Look::Spots, MaskWalk>);
   } else {
-    launch_persistent("REYES stages 'dice' and 'sample'", sample_grids<false>, n, stream, batch);
+    launch_look("REYES stages 'dice' and 'sample'", sample_grids<Look::Nearest, TinyWalk>,
+                sample_grids<Look::Nearest, MaskWalk>);
   }
 }
 

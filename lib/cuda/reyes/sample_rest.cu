@@ -50,6 +50,8 @@ template <bool finds_spots, bool has_masks>
 __global__ void __launch_bounds__(block_size) sample_rest(const __grid_constant__ ReyesBatch b)
 {
   __shared__ WarpGrid grids[block_size / 32];
+  constexpr bool may_have_light = !finds_spots && !has_masks;
+  __shared__ WarpLight lights[may_have_light ? block_size / 32 : 1];
   WarpGrid &g = grids[threadIdx.x / 32];
   const uint32_t lane = threadIdx.x % 32;
   const uint32_t num_rest = b.numbers->num_rest;
@@ -63,9 +65,17 @@ __global__ void __launch_bounds__(block_size) sample_rest(const __grid_constant_
     __syncwarp();
     const uint32_t num_u = 1u << g.piece.grid_u, width = num_u + 1,
                    num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);
+    if constexpr (may_have_light) {
+      if (b.has_own_light) shade_grid(b, g, root, lights[threadIdx.x / 32], lane);
+    }
     for (uint32_t first = b.rest[item] % 8 * 32; first < num_quads; first += 32) {
       const uint32_t q = first + lane;
       const bool is_quad = q < num_quads;
+      // What samples keep: the root's number or, in its place, light.
+      uint32_t kept = root;
+      if constexpr (may_have_light) {
+        if (b.has_own_light) kept = ~light_of(b, g, lights[threadIdx.x / 32], is_quad ? q : 0);
+      }
       const uint32_t a = is_quad ? (q >> g.piece.grid_u) * width + (q & (num_u - 1)) : 0;
       const Corners corners[2] = {{{a, a + 1, a + width + 1}}, {{a, a + width + 1, a + width}}};
       SmallTriangle t[2];
@@ -97,7 +107,7 @@ __global__ void __launch_bounds__(block_size) sample_rest(const __grid_constant_
               y1 = max(y1, g.y[k]);
             }
           } else {
-            hand_on_large<finds_spots, has_masks>(b, large_triangle(g, corners[i], root, b.largest[slot]),
+            hand_on_large<finds_spots, has_masks>(b, large_triangle(g, corners[i], kept, b.largest[slot]),
                                                   num_fragments);
           }
         }
@@ -107,7 +117,7 @@ __global__ void __launch_bounds__(block_size) sample_rest(const __grid_constant_
       if (!has[0]) t[0] = t[1];
       if (!has[1]) t[1] = t[0];
       sample_small<finds_spots, has_masks>(
-          b, root, has[0] || has[1], cells, ox, oy, t,
+          b, kept, has[0] || has[1], cells, ox, oy, t,
           [&](int i, Vec2f(&places)[3]) {
             const Corners &c = corners[has[i] ? i : 1 - i];
             for (int k = 0; k < 3; ++k) places[k] = place_of_vertex(g, c.at[k]);

@@ -55,6 +55,13 @@ __device__ __forceinline__ void put(const ReyesBatch &b, uint32_t slot, uint32_t
   else atomicMax(b.samples.keys + slot, sample_key_of(z, root));
 }
 
+__device__ __forceinline__ uint32_t place_of_slot(const SampleGrid &g, uint32_t slot)
+{
+  if (g.masks == nullptr) return g.places[slot];
+  const uint32_t pixel = slot / g.samples_per_pixel;
+  return g.places[uint64_t(pixel) * most_masked + (slot - pixel * g.samples_per_pixel)];
+}
+
 // A lane's way through the samples of some cells, one at a time. Cells of a pixel's row follow one another.
 class SampleWalk {
  public:
@@ -71,8 +78,8 @@ class SampleWalk {
   }
   __device__ uint32_t slot() const { return k_; }
   // In raster units of the image.
-  __device__ int32_t x(const SampleGrid &g) const { return x(g, g.places[k_]); }
-  __device__ int32_t y(const SampleGrid &g) const { return y(g, g.places[k_]); }
+  __device__ int32_t x(const SampleGrid &g) const { return x(g, place_of_slot(g, k_)); }
+  __device__ int32_t y(const SampleGrid &g) const { return y(g, place_of_slot(g, k_)); }
   __device__ int32_t x(const SampleGrid &g, uint32_t place) const
   {
     return g.x0 + (pixel_ << unit_bits) + int32_t(place & 255);

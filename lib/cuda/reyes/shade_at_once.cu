@@ -15,6 +15,15 @@ struct UnshadowedLight {
   __device__ void next(const Ray &) const {}
 };
 
+// Of the lanes of a warp, into the bits of the largest of all.
+__device__ void keep_largest(float largest, uint32_t *largest_bits)
+{
+  for (int offset = 16; offset != 0; offset /= 2)
+    largest = max(largest, __shfl_down_sync(0xffffffffu, largest, offset));
+  if (threadIdx.x % 32 == 0 && float_bits(largest) > *largest_bits)
+    atomicMax(largest_bits, float_bits(largest));
+}
+
 // A thread a pixel of the group.
 __global__ void __launch_bounds__(block_size)
     shade_pixels(const __grid_constant__ EyeHits eye, const __grid_constant__ FilmView film,
@@ -29,7 +38,7 @@ __global__ void __launch_bounds__(block_size)
     const bool is_box = eye.places.filter == ReyesFilter::Box;
     const bool has_features = film.features != nullptr || film.first_hits != nullptr;
     for (uint64_t turn = 0; turn < eye.places.num_samples; ++turn, ++s.sample) {
-      const uint32_t slot = eye.slots[turn * num_pixels + i];
+      const uint64_t slot = slot_of(eye, turn * num_pixels + i, s.local, turn);
       const unsigned long long key = eye.keys[slot];
       const uint32_t root = key != 0 ? ~uint32_t(key) : invalid_id;
       const SampleKey sample = sample_key(eye.settings.seed, eye.settings.frame_index, s.x, s.y, s.sample);
@@ -57,13 +66,42 @@ __global__ void __launch_bounds__(block_size)
     }
     film.pixels[s.local] = sums;
   }
-  for (int offset = 16; offset != 0; offset /= 2) {
+  for (int offset = 16; offset != 0; offset /= 2)
     num_shaded += __shfl_down_sync(0xffffffffu, num_shaded, offset);
-    largest = max(largest, __shfl_down_sync(0xffffffffu, largest, offset));
+  if (threadIdx.x % 32 == 0 && num_shaded != 0)
+    atomicAdd(&eye.numbers->num_shaded, static_cast<unsigned long long>(num_shaded));
+  keep_largest(largest, largest_bits);
+}
+
+// A thread a pixel: its samples' light is there, packed.
+__global__ void __launch_bounds__(block_size)
+    resolve_own_light(const __grid_constant__ EyeHits eye, const __grid_constant__ FilmView film,
+                      uint32_t num_pixels, uint32_t *largest_bits)
+{
+  const uint32_t i = uint32_t(thread_item());
+  float largest = 0.0f;
+  if (i < num_pixels) {
+    PathSample s = path_sample(eye.unit, i);
+    PixelSums sums{};
+    const bool is_box = eye.places.filter == ReyesFilter::Box;
+    for (uint64_t turn = 0; turn < eye.places.num_samples; ++turn, ++s.sample) {
+      const unsigned long long key = eye.keys[slot_of(eye, turn * num_pixels + i, s.local, turn)];
+      Vec3f light = vec3(0.0f);
+      if (key != 0) {
+        light = unpack_light(uint32_t(key));
+        if (!is_box) {
+          const SampleKey sample =
+              sample_key(eye.settings.seed, eye.settings.frame_index, s.x, s.y, s.sample);
+          light *= place_sample(eye.places.filter, eye.places.table, sample_2d(sample, dim_pixel)).weight;
+        }
+      }
+      add_sample(sums, s.sample, light, key != 0);
+      const float component = max_component(light);
+      largest = component > largest ? component : largest;
+    }
+    film.pixels[s.local] = sums;
   }
-  if (threadIdx.x % 32 != 0) return;
-  if (num_shaded != 0) atomicAdd(&eye.numbers->num_shaded, static_cast<unsigned long long>(num_shaded));
-  if (float_bits(largest) > *largest_bits) atomicMax(largest_bits, float_bits(largest));
+  keep_largest(largest, largest_bits);
 }
 
 }  // namespace
@@ -73,6 +111,13 @@ void launch_shade_pixels(const EyeHits &eye, const FilmView &film, uint32_t num_
 {
   launch("REYES stages 'map' and 'shade' without rays", shade_pixels, num_pixels, stream, eye, film,
          num_pixels, largest_bits);
+}
+
+void launch_resolve_own_light(const EyeHits &eye, const FilmView &film, uint32_t num_pixels,
+                              uint32_t *largest_bits, cudaStream_t stream)
+{
+  launch("REYES stage 'resolve' of micropolygons' own light", resolve_own_light, num_pixels, stream, eye,
+         film, num_pixels, largest_bits);
 }
 
 }  // namespace gpurt::cuda

@@ -6,21 +6,31 @@
 #include "core/path/path_wave.h"
 #include "core/reyes/filter.h"
 #include "core/reyes/sample.h"
+#include "core/reyes/shade.h"
 
 namespace gpurt::cuda {
 
 /// The samples of a rectangle of the image, by square cells of it: whole pixels, or their four quarters one after another,
 /// pixels row by row. Samples of cell c are first[c] .. first[c + 1] - 1.
+///
+/// With masks cells are pixels, whose samples lie as they are numbered: `places` has most_masked of them for each pixel, and
+/// so has `masks`: bit s of entry i < 8 says that sample s lies left of i eighths of the pixel (of entry 0: that it is there),
+/// of entry 8 + i that it lies above.
 struct SampleGrid {
   const uint32_t *first;      // [cells + 1]
   const uint16_t *places;     // where in its pixel a sample lies, in raster units: x | y << 8
-  unsigned long long *keys;   // what it sees: the bits of 1 / w, then ~root; 0: nothing
+  const uint16_t *masks;      // null: cells
+  unsigned long long *keys;   // what it sees: the bits of 1 / w, then ~root, or packed light; 0: nothing
   unsigned long long *spots;  // place_key of that; all bits set: not known yet
   int32_t x0, y0;             // raster units of cell 0 in the image
   int32_t cells_x, cells_y;
   int32_t cell_bits;  // log2 of a cell's edge in raster units
   uint32_t num_samples;
+  uint32_t samples_per_pixel;
 };
+
+/// Samples of a pixel that a mask has bits for.
+constexpr uint32_t most_masked = 16;
 
 // log2 of the cells that a pixel has along an axis.
 GPURT_INLINE int32_t cell_shift(const SampleGrid &g) { return unit_bits - g.cell_bits; }
@@ -71,6 +81,8 @@ struct ReyesBatch {
   DiceSettings dice;
   RasterRect rect;  // of the samples, with a pixel around them
   SampleGrid samples;
+  OwnLight own;             // of micropolygons
+  uint32_t has_own_light;   // 1: samples keep it in place of roots
   const uint32_t *visible;  // a bit a root; null: all roots may be seen
   RasterPatch *patches;     // [slots]
   RasterPoint *largest;     // of a slot's control points
@@ -101,10 +113,11 @@ struct SamplePlaces {
 };
 
 /// Finds places for the samples of a group: slots[k] is where the sample of path k lies in the grid, whose `first` and
-/// `places` are written. `counts`: a number a cell, and `scan_memory`, where the filter is not a box's; else null.
+/// `places` are written. `counts`: a number a cell, and `scan_memory`, where the filter is not a box's; else null. `masks`:
+/// null, or what is written in place of slots.
 void launch_place_samples(const SamplePlaces &places, const SampleGrid &grid, uint32_t *first, uint16_t *at,
-                          uint32_t *slots, uint32_t *counts, void *scan_memory, uint64_t scan_bytes,
-                          cudaStream_t stream);
+                          uint16_t *masks, uint32_t *slots, uint32_t *counts, void *scan_memory,
+                          uint64_t scan_bytes, cudaStream_t stream);
 
 /// Roots first_root .. first_root + num_roots - 1: patches that may be seen get slots, triangles are listed.
 void launch_bound_roots(const ReyesBatch &batch, uint64_t first_root, uint32_t num_roots,
@@ -113,7 +126,8 @@ void launch_bound_roots(const ReyesBatch &batch, uint64_t first_root, uint32_t n
 /// Cuts pieces until none wait, or until the list of those that are to be diced is full.
 void launch_split(const ReyesBatch &batch, cudaStream_t stream);
 
-/// Dices pieces and puts micropolygons into the samples; the second time, samples learn where on their root they are.
+/// Dices pieces and puts micropolygons into the samples; the second time, samples learn where on their root they are. With
+/// light of their own micropolygons are shaded before, and there is no second time.
 void launch_sample_grids(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
 void launch_sample_rest(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
 void launch_sample_triangles(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
@@ -128,16 +142,27 @@ struct EyeHits {
   PathSettings settings;
   SamplePlaces places;
   PathUnit unit;
-  const uint32_t *slots;
+  const uint32_t *slots;  // null: samples lie pixel by pixel, row by row
   const unsigned long long *keys, *spots;
   ReyesNumbers *numbers;
 };
+
+/// Where the sample of a path lies whose pixel is the `local`-th of the group, row by row.
+GPURT_INLINE uint64_t slot_of(const EyeHits &eye, uint64_t path, uint32_t local, uint64_t turn)
+{
+  return eye.slots != nullptr ? eye.slots[path] : local * eye.places.num_samples + turn;
+}
+
 void launch_eye_hits(const EyeHits &eye, const PathWave &wave, uint32_t n, cudaStream_t stream);
 
 /// Shades the group's samples into a film of zeros without a ray: eye.unit is the whole group. For scenes where nothing but
 /// points, spots and distant lights shines, without shadows. largest_bits: the bits of the largest radiance.
 void launch_shade_pixels(const EyeHits &eye, const FilmView &film, uint32_t num_pixels,
                          uint32_t *largest_bits, cudaStream_t stream);
+
+/// Adds up what samples see of micropolygons' own light, into a film that need not be clear.
+void launch_resolve_own_light(const EyeHits &eye, const FilmView &film, uint32_t num_pixels,
+                              uint32_t *largest_bits, cudaStream_t stream);
 
 /// Bytes for sums over `n` counts.
 uint64_t place_scan_bytes(uint32_t n);

@@ -14,6 +14,9 @@ int32_t cell_bits_for(uint64_t samples_per_pixel)
   return samples_per_pixel < 8 || samples_per_pixel > max_fine_samples ? unit_bits - 1 : unit_bits - 2;
 }
 
+// Micropolygons of this area in pixels are mostly below four pixels along an axis.
+constexpr float largest_masked_rate = 4.0f;
+
 }  // namespace
 
 ReyesListSizes ReyesListSizes::at_level(unsigned level, uint64_t num_roots)
@@ -28,7 +31,7 @@ ReyesListSizes ReyesListSizes::at_level(unsigned level, uint64_t num_roots)
 
 struct VisibleSamples::Arrays {
   uint32_t *first, *slots, *counts, *visible, *roots, *triangles, *rest, *large_tiles;
-  uint16_t *at;
+  uint16_t *at, *masks;
   unsigned long long *keys, *spots;
   std::byte *scan_memory;
   uint64_t scan_bytes;
@@ -42,15 +45,17 @@ struct VisibleSamples::Arrays {
 
 VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListSizes &sizes,
                                                uint64_t num_samples, uint64_t num_cells, uint64_t num_roots,
-                                               bool has_filter)
+                                               const ReyesSettings &settings, bool has_masks)
 {
+  const bool has_filter = settings.filter != ReyesFilter::Box;
   Layout layout(base);
   Arrays a;
   a.first = layout.take<uint32_t>(num_cells + 1);
-  a.at = layout.take<uint16_t>(num_samples);
-  a.slots = layout.take<uint32_t>(num_samples);
+  a.at = layout.take<uint16_t>(has_masks ? num_cells * most_masked : num_samples);
+  a.masks = layout.take<uint16_t>(has_masks ? num_cells * most_masked : 0);
+  a.slots = layout.take<uint32_t>(has_masks ? 0 : num_samples);
   a.keys = layout.take<unsigned long long>(num_samples);
-  a.spots = layout.take<unsigned long long>(num_samples);
+  a.spots = layout.take<unsigned long long>(settings.shading == ReyesShading::Samples ? num_samples : 0);
   a.counts = layout.take<uint32_t>(has_filter ? num_cells : 0);
   a.scan_bytes = has_filter ? place_scan_bytes(uint32_t(num_cells)) : 0;
   a.scan_memory = layout.take<std::byte>(a.scan_bytes);
@@ -69,29 +74,33 @@ VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListS
   return a;
 }
 
-VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesScene &scene,
-                               uint64_t num_roots, bool has_meshes, const ReyesSettings &settings,
-                               const ReyesListSizes &sizes, uint64_t num_samples, uint64_t num_cells)
-    : num_roots_(num_roots),
+VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesDeviceScene &scene,
+                               const ReyesSettings &settings, const ReyesListSizes &sizes,
+                               uint64_t num_samples, uint64_t num_cells, bool has_masks)
+    : num_roots_(scene.num_roots),
       settings_(settings),
+      has_masks_(has_masks),
+      has_own_light_(settings.shading != ReyesShading::Samples),
       sizes_(sizes),
       num_cells_(num_cells),
       buffer_(memory,
-              lay_out(nullptr, sizes, num_samples, num_cells, num_roots, settings.filter != ReyesFilter::Box)
-                  .bytes,
+              lay_out(nullptr, sizes, num_samples, num_cells, scene.num_roots, settings, has_masks).bytes,
               "what REYES samples see, and its lists"),
-      has_meshes_(has_meshes)
+      has_meshes_(scene.has_meshes)
 {
   const bool has_filter = settings.filter != ReyesFilter::Box;
-  const Arrays a = lay_out(buffer_.data(), sizes, num_samples, num_cells, num_roots, has_filter);
+  const Arrays a = lay_out(buffer_.data(), sizes, num_samples, num_cells, num_roots_, settings, has_masks);
   first_ = a.first;
   at_ = a.at;
-  slots_ = a.slots;
+  masks_ = has_masks ? a.masks : nullptr;
+  slots_ = has_masks ? nullptr : a.slots;
   counts_ = has_filter ? a.counts : nullptr;
   scan_memory_ = a.scan_memory;
   scan_bytes_ = a.scan_bytes;
   visible_ = a.visible;
-  batch_.scene = scene;
+  batch_.scene = scene.view;
+  batch_.has_own_light = has_own_light_ ? 1 : 0;
+  batch_.samples.masks = masks_;
   batch_.samples.first = a.first;
   batch_.samples.places = a.at;
   batch_.samples.keys = a.keys;
@@ -113,11 +122,19 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
   pinned_.reserve(sizeof(ReyesNumbers));
 }
 
-uint64_t VisibleSamples::cells_of(const WorkUnit &group, const ReyesSettings &settings)
+uint64_t VisibleSamples::cells_of(const WorkUnit &group, const ReyesSettings &settings, bool has_masks)
 {
   const uint64_t reach = uint64_t(filter_reach(settings.filter));
   const uint64_t num_pixels = (group.x1 - group.x0 + 2 * reach) * (group.y1 - group.y0 + 2 * reach);
-  return num_pixels << 2 * (unit_bits - cell_bits_for(group.num_samples));
+  return num_pixels << 2 * (has_masks ? 0 : unit_bits - cell_bits_for(group.num_samples));
+}
+
+bool VisibleSamples::suits_masks(const ReyesDeviceScene &scene, const ReyesSettings &settings,
+                                 uint64_t most_samples_per_pixel)
+{
+  return settings.filter == ReyesFilter::Box && most_samples_per_pixel <= most_masked &&
+         settings.shading_rate <= largest_masked_rate && !scene.has_meshes &&
+         scene.view.scene.has_alpha_masks == 0;
 }
 
 void VisibleSamples::mark(Stage stage, cudaStream_t stream)
@@ -136,13 +153,16 @@ void VisibleSamples::place(const WorkUnit &group, const PathSettings &settings, 
                 height = int32_t(group.y1 - group.y0) + 2 * reach;
   g.x0 = x0 * (1 << unit_bits);
   g.y0 = y0 * (1 << unit_bits);
-  g.cell_bits = cell_bits_for(group.num_samples);
+  g.cell_bits = has_masks_ ? unit_bits : cell_bits_for(group.num_samples);
+  g.samples_per_pixel = uint32_t(group.num_samples);
   g.cells_x = width << (unit_bits - g.cell_bits);
   g.cells_y = height << (unit_bits - g.cell_bits);
   g.num_samples = uint32_t(uint64_t(group.x1 - group.x0) * (group.y1 - group.y0) * group.num_samples);
   batch_.projection = raster_projection(settings.camera);
   const float half_width = 0.5f * float(settings.camera.width),
               half_height = 0.5f * float(settings.camera.height);
+  batch_.own = own_light(batch_.projection, settings_.shading == ReyesShading::Blocks ? 1 : 0,
+                         settings.max_depth >= 2);
   batch_.dice = {1.0f / sqrt(settings_.shading_rate), half_width, half_height};
   batch_.rect = {float(x0 - 1) - half_width, float(y0 - 1) - half_height, float(x0 + width + 1) - half_width,
                  float(y0 + height + 1) - half_height};
@@ -153,8 +173,8 @@ void VisibleSamples::place(const WorkUnit &group, const PathSettings &settings, 
   places_.filter = settings_.filter;
   const uint64_t key_bytes = uint64_t(g.num_samples) * sizeof(unsigned long long);
   check(cudaMemsetAsync(g.keys, 0, key_bytes, stream), "cudaMemsetAsync");
-  check(cudaMemsetAsync(g.spots, 0xff, key_bytes, stream), "cudaMemsetAsync");
-  launch_place_samples(places_, g, first_, at_, slots_, counts_, scan_memory_, scan_bytes_, stream);
+  if (!has_own_light_) check(cudaMemsetAsync(g.spots, 0xff, key_bytes, stream), "cudaMemsetAsync");
+  launch_place_samples(places_, g, first_, at_, masks_, slots_, counts_, scan_memory_, scan_bytes_, stream);
 }
 
 ReyesNumbers VisibleSamples::read_numbers(cudaStream_t stream)
@@ -176,8 +196,16 @@ void VisibleSamples::sample(bool finds_spots, cudaStream_t stream, bool has_tria
   if (has_triangles && has_meshes_ && !(has_all_ && known.num_triangles == 0))
     launch_sample_triangles(batch_, finds_spots, stream);
   launch_sample_grids(batch_, finds_spots, stream);
-  if (!(has_all_ && known.num_rest == 0)) launch_sample_rest(batch_, finds_spots, stream);
-  if (!(has_all_ && known.num_large == 0)) launch_sample_large(batch_, finds_spots, stream);
+  mark(Stage::Sample, stream);
+}
+
+// What grids and triangles left to kernels of their own, if anything: `numbers` are of the lists after sample().
+void VisibleSamples::sample_rest(bool finds_spots, const ReyesNumbers &numbers, cudaStream_t stream)
+{
+  if (numbers.num_rest == 0 && numbers.num_large == 0) return;
+  mark(Stage::None, stream);
+  if (numbers.num_rest != 0) launch_sample_rest(batch_, finds_spots, stream);
+  launch_sample_large(batch_, finds_spots, stream);
   mark(Stage::Sample, stream);
 }
 
@@ -193,6 +221,7 @@ void VisibleSamples::run_batch(uint64_t first, bool finds_spots, cudaStream_t st
     mark(Stage::Split, stream);
     sample(finds_spots, stream, is_first);
     const ReyesNumbers done = read_numbers(stream);
+    sample_rest(finds_spots, done, stream);
     const bool is_finished = done.waiting == 0 && done.next_slot == done.num_slots;
     if (is_finished && !finds_spots) {
       counters.num_patches += done.num_slots;
@@ -223,12 +252,14 @@ bool VisibleSamples::find(const WorkUnit &group, const PathSettings &settings,
     if (is_cancelled()) return false;
     run_batch(first, false, stream, counters);
   }
+  if (has_own_light_) return true;
   // What is nearest is known: a second look at what is seen tells where on it samples lie.
   check(cudaMemsetAsync(visible_, 0, (num_roots_ / 32 + 1) * sizeof *visible_, stream), "cudaMemsetAsync");
   launch_mark_visible(batch_.samples, visible_, stream);
   batch_.visible = visible_;
   if (has_all_) {
     sample(true, stream, true);
+    sample_rest(true, batch_numbers_, stream);
     return true;
   }
   ReyesCounters again;
@@ -252,7 +283,9 @@ void VisibleSamples::shade_at_once(const PathSettings &settings, const FilmView 
   const EyeHits eye{batch_.scene,         settings,      places_, places_.unit, slots_, batch_.samples.keys,
                     batch_.samples.spots, batch_.numbers};
   mark(Stage::None, stream);
-  launch_shade_pixels(eye, film, film.width * film.height, &batch_.numbers->largest_sample, stream);
+  if (has_own_light_)
+    launch_resolve_own_light(eye, film, film.width * film.height, &batch_.numbers->largest_sample, stream);
+  else launch_shade_pixels(eye, film, film.width * film.height, &batch_.numbers->largest_sample, stream);
   mark(Stage::Shade, stream);
 }
 

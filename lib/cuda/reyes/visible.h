@@ -7,6 +7,7 @@
 
 #include "backend.h"
 #include "cuda/lanes.h"
+#include "cuda/reyes/render.h"
 #include "cuda/reyes/stages.h"
 
 namespace gpurt::cuda {
@@ -26,12 +27,15 @@ struct ReyesListSizes {
 class VisibleSamples {
  public:
   /// For groups of up to `num_samples` in `num_cells`. Throws OUT_OF_MEMORY.
-  VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesScene &scene, uint64_t num_roots,
-                 bool has_meshes, const ReyesSettings &settings, const ReyesListSizes &sizes,
-                 uint64_t num_samples, uint64_t num_cells);
+  VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesDeviceScene &scene,
+                 const ReyesSettings &settings, const ReyesListSizes &sizes, uint64_t num_samples,
+                 uint64_t num_cells, bool has_masks);
 
+  /// Whether samples are found by masks of pixels: groups have at most so many a pixel, and micropolygons are small.
+  static bool suits_masks(const ReyesDeviceScene &scene, const ReyesSettings &settings,
+                          uint64_t most_samples_per_pixel);
   /// Cells of a group's samples.
-  static uint64_t cells_of(const WorkUnit &group, const ReyesSettings &settings);
+  static uint64_t cells_of(const WorkUnit &group, const ReyesSettings &settings, bool has_masks);
 
   /// Finds what the group's samples see. False if `cancelled` became true on the way.
   bool find(const WorkUnit &group, const PathSettings &settings, const std::atomic<bool> *cancelled,
@@ -53,22 +57,25 @@ class VisibleSamples {
   enum class Stage { None, Place, Bound, Split, Sample, Shade };
   struct Arrays;
   static Arrays lay_out(std::byte *base, const ReyesListSizes &sizes, uint64_t num_samples,
-                        uint64_t num_cells, uint64_t num_roots, bool has_filter);
+                        uint64_t num_cells, uint64_t num_roots, const ReyesSettings &settings,
+                        bool has_masks);
   void mark(Stage stage, cudaStream_t stream);
   void place(const WorkUnit &group, const PathSettings &settings, cudaStream_t stream);
   ReyesNumbers read_numbers(cudaStream_t stream);
   void sample(bool finds_spots, cudaStream_t stream, bool has_triangles);
+  void sample_rest(bool finds_spots, const ReyesNumbers &numbers, cudaStream_t stream);
   void run_batch(uint64_t first, bool finds_spots, cudaStream_t stream, ReyesCounters &counters);
 
   const uint64_t num_roots_;
   const ReyesSettings settings_;
+  const bool has_masks_, has_own_light_;
   const ReyesListSizes sizes_;
   const uint64_t num_cells_;
   DeviceBuffer<std::byte> buffer_;
   ReyesBatch batch_{};
   SamplePlaces places_{};
   uint32_t *first_ = nullptr, *slots_ = nullptr, *counts_ = nullptr, *visible_ = nullptr;
-  uint16_t *at_ = nullptr;
+  uint16_t *at_ = nullptr, *masks_ = nullptr;
   std::byte *scan_memory_ = nullptr;
   uint64_t scan_bytes_ = 0;
   const bool has_meshes_;

@@ -73,6 +73,45 @@ __device__ __forceinline__ bool dice(WarpGrid &g, const RasterProjection &projec
   return __all_sync(all_lanes, is_in_front);
 }
 
+// The light of a warp's micropolygons, or of blocks of them.
+struct WarpLight {
+  ShadingColumns columns;
+  uint32_t packed[max_segments * max_segments];
+};
+
+// Stage 'shade' of a grid's micropolygons; how many points that were.
+__device__ __forceinline__ uint32_t shade_grid(const ReyesBatch &b, const WarpGrid &g, uint32_t root,
+                                               WarpLight &light, uint32_t lane)
+{
+  const Piece &p = g.piece;
+  const uint32_t bits_u = shaded_bits(p.grid_u, b.own.block_bits),
+                 bits_v = shaded_bits(p.grid_v, b.own.block_bits);
+  for (uint32_t k = lane; k < 4u << bits_u; k += 32)
+    make_shading_column(g.patch, middle_of_part(p.u, p.u_bits, bits_u, k / 4), k / 4, k % 4, light.columns);
+  const SceneView &scene = b.scene.scene;
+  const Material &material = scene.materials[scene.segments[range_of_root(b.scene, root).segment].material];
+  __syncwarp();
+  const uint32_t n = 1u << (bits_u + bits_v);
+  for (uint32_t k = lane; k < n; k += 32) {
+    const uint32_t i = k & ((1u << bits_u) - 1), j = k >> bits_u;
+    light.packed[k] =
+        shade_point(scene, material, b.own, light.columns, root, i, middle_of_part(p.u, p.u_bits, bits_u, i),
+                    middle_of_part(p.v, p.v_bits, bits_v, j));
+  }
+  __syncwarp();
+  return n;
+}
+
+// That of micropolygon q.
+__device__ __forceinline__ uint32_t light_of(const ReyesBatch &b, const WarpGrid &g, const WarpLight &light,
+                                             uint32_t q)
+{
+  const uint32_t bits_u = shaded_bits(g.piece.grid_u, b.own.block_bits),
+                 bits_v = shaded_bits(g.piece.grid_v, b.own.block_bits);
+  const uint32_t i = q & ((1u << g.piece.grid_u) - 1), j = q >> g.piece.grid_u;
+  return light.packed[(j >> (g.piece.grid_v - bits_v)) << bits_u | i >> (g.piece.grid_u - bits_u)];
+}
+
 // The parameters of vertex k of a grid.
 __device__ inline Vec2f place_of_vertex(const WarpGrid &g, uint32_t k)
 {
