@@ -642,7 +642,8 @@ typedef enum gpurt_traversal {
 
 typedef enum gpurt_launch {
   GPURT_LAUNCH_AUTO = 0,
-  GPURT_LAUNCH_REGULAR = 1, /* a thread for every ray. REYES: a launch for each level of cutting, whose count the
+  GPURT_LAUNCH_REGULAR =
+      1, /* a thread for every ray. REYES: a launch for each level of cutting, whose count the
                                host reads */
   GPURT_LAUNCH_PERSISTENT =
       2, /* as many threads as the device holds, which draw rays from a pool. REYES: pieces from queues, each
@@ -967,8 +968,7 @@ typedef enum gpurt_output {
   GPURT_OUTPUT_VARIANCE =
       9, /* float32 [h][w][3]: variance of the colour, from two independent halves; infinite while one is empty */
   GPURT_OUTPUT_TIME = 10, /* this version: UNSUPPORTED */
-  /* Of GPURT_PIPELINE_PHOTON alone, without GPURT_PHOTON_ESTIMATOR_PER_PIXEL; else jobs are UNSUPPORTED. This version:
-     UNSUPPORTED. */
+  /* Of GPURT_PIPELINE_PHOTON alone, without GPURT_PHOTON_ESTIMATOR_PER_PIXEL; else jobs are UNSUPPORTED. */
   GPURT_OUTPUT_BIAS = 11, /* float32 [h][w][3]: what blur adds to the colour, estimated; signed */
   GPURT_OUTPUT_ERROR =
       12, /* float32 [h][w][3]: what blur and noise move the colour by at most, with 95 % confidence, or infinite */
@@ -1014,14 +1014,14 @@ typedef enum gpurt_pipeline {
 } gpurt_pipeline;
 
 /* How photons become radiance. Memoryless passes alone are independent of each other: only they can be merged, and shared
-   by devices; with the others both is UNSUPPORTED. */
+   by several devices; with the others both is UNSUPPORTED. */
 typedef enum gpurt_photon_estimator {
   GPURT_PHOTON_ESTIMATOR_AUTO = 0, /* memoryless */
   GPURT_PHOTON_ESTIMATOR_MEMORYLESS =
       1, /* a radius that depends on the pass alone (Knaus and Zwicker 2011) */
-  /* Each pixel keeps its radius, photons and flux (Hachisuka and Jensen 2009); this version: UNSUPPORTED. */
+  /* Each pixel keeps its radius, photons and flux (Hachisuka and Jensen 2009). With the constant kernel alone. */
   GPURT_PHOTON_ESTIMATOR_PER_PIXEL = 2,
-  /* A radius for each pixel, by its blur and noise so far (Kaplanyan and Dachsbacher 2013); this version: UNSUPPORTED. */
+  /* A radius for each pixel, by its blur and noise so far (Kaplanyan and Dachsbacher 2013). */
   GPURT_PHOTON_ESTIMATOR_ADAPTIVE = 3,
   GPURT_PHOTON_ESTIMATOR_FORCE32 = 0x7fffffff
 } gpurt_photon_estimator;

@@ -75,7 +75,10 @@ inline PhotonPass make_photon_pass(const PhotonSettings &settings, const Emissio
   pass.kernel = settings.kernel;
   pass.remedies = settings.remedies;
   pass.estimator = settings.estimator;
-  const double radius = double(settings.initial_radius) * std::sqrt(photon_radius2_share(index));
+  double radius = double(settings.initial_radius);
+  if (settings.estimator != PhotonEstimator::PerPixel) radius *= std::sqrt(photon_radius2_share(index));
+  if (settings.estimator == PhotonEstimator::Adaptive && index != 0)
+    radius *= double(largest_adaptive_factor);
   const float extent = max_component(abs(emission.center)) + emission.radius;
   pass.radius = std::max(float(radius), extent * 0x1p-20f);
   // The kernel's integral over the disc: pi r^2, of a cone a third of it.

@@ -18,6 +18,7 @@ class CpuScene final : public CommittedScene {
   void trace(const TraceRequest &request) const override;
   void render(const RenderPass &pass) const override;
   void require_photons() const override {}
+  void require_photon_statistics() const override {}
   PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
                            uint32_t points_per_axis) const override;
   void require_reyes() const override {}

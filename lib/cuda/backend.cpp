@@ -125,6 +125,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   }
 
   void require_photons() const override {}
+  void require_photon_statistics() const override {}
   uint64_t most_photon_passes() const override { return cuda::most_photon_passes; }
   PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
                            uint32_t points_per_axis) const override

@@ -63,17 +63,17 @@ float median9(std::array<float, 9> v)
 
 }  // namespace
 
-double estimate_relmse(uint32_t width, uint32_t height, double num_samples, double unseen_radiance,
-                       const MomentSource &moments)
+ErrorEstimate estimate_relmse(uint32_t width, uint32_t height, double num_samples, double unseen_radiance,
+                              const MomentSource &moments)
 {
   RowWindow window(width, height, moments);
-  double sum = 0, sum2 = 0, inverse_sum = 0;
+  double sum = 0, sum2 = 0, inverse_sum = 0, bias_sum = 0, bias_sum2 = 0;
   for (uint32_t y = 0; y < height; ++y) {
     const auto rows = window.around(y);
     for (uint32_t x = 0; x < width; ++x) {
       const uint32_t left = x > 0 ? x - 1 : 0, right = std::min(x + 1, width - 1);
       const PixelMoments &pixel = rows[1][x];
-      double error = 0;
+      double error = 0, bias = 0;
       for (int c = 0; c < 3; ++c) {
         std::array<float, 9> means;
         for (size_t row = 0; row < 3; ++row) {
@@ -85,20 +85,24 @@ double estimate_relmse(uint32_t width, uint32_t height, double num_samples, doub
         const double mean = std::clamp(double(median9(means)), pixel.mean[c] - move, pixel.mean[c] + move);
         const double inverse = 1 / (mean * mean + relmse_floor);
         error += double(pixel.variance[c]) * inverse;
+        bias += double(pixel.bias2[c]) * inverse;
         if (pixel.is_covered) inverse_sum += inverse;
       }
       sum += error;
       sum2 += error * error;
+      bias_sum += bias;
+      bias_sum2 += bias * bias;
     }
   }
   const double num_pixels = double(width) * height;
-  if (!(sum < infinity)) return infinity;
+  if (!(sum < infinity)) return {infinity, 0};
 
   const double seen = sum > 0 ? (sum + num_sigmas * std::sqrt(sum2)) / (3 * num_pixels) : 0;
   // Variance of a mean of num_samples: p X^2 / num_samples, p = 3 / (num_pixels num_samples).
   const double unseen = rule_of_three * unseen_radiance * unseen_radiance /
                         (num_pixels * num_samples * num_samples) * inverse_sum / (3 * num_pixels);
-  return seen + (num_samples > 0 ? unseen : 0);
+  const double bias = (bias_sum + num_sigmas * std::sqrt(bias_sum2)) / (3 * num_pixels);
+  return {seen + (num_samples > 0 ? unseen : 0), bias < infinity ? std::max(bias, 0.0) : infinity};
 }
 
 double unseen_radiance(const CompiledScene &scene)

@@ -13,11 +13,17 @@ namespace gpurt {
 struct PixelMoments {
   float mean[3];
   float variance[3];  // of the mean, from the two halves
+  float bias2[3];     // squared, estimated without bias: it may be negative
   bool is_covered;    // some eye ray hit something: light not yet seen may still arrive
 };
 
 /// Fills rows [y0, y1) of the frame.
 using MomentSource = std::function<void(uint32_t y0, uint32_t y1, PixelMoments *rows)>;
+
+/// What a frame is off by: both are relMSE, and add up.
+struct ErrorEstimate {
+  double noise, bias;
+};
 
 /// relMSE of a frame, mean over pixels and channels of (x - r)^2 / (r^2 + 0.01), without knowing r.
 ///
@@ -37,8 +43,9 @@ using MomentSource = std::function<void(uint32_t y0, uint32_t y1, PixelMoments *
 /// contributions: Kish 1965; median of nine: Paeth 1990.
 /// Differs: the usual dilation (neighbours take part in the numerator) is 30 times too high where noisy bright pixels
 /// lie beside dark ones; the neighbourhood in the denominator meets the same failure without that.
-double estimate_relmse(uint32_t width, uint32_t height, double num_samples, double unseen_radiance,
-                       const MomentSource &moments);
+/// The mean of the bias has the same denominators and the same two standard deviations; it is not below 0.
+ErrorEstimate estimate_relmse(uint32_t width, uint32_t height, double num_samples, double unseen_radiance,
+                              const MomentSource &moments);
 
 /// `unseen_radiance` of a scene: all its lamps at once, as a diffuse surface shows them at an eighth of the diagonal of
 /// the scene; a lamp's own radiance where that is less.

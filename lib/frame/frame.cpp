@@ -40,12 +40,6 @@ FrameSettings resolve(const gpurt_frame_desc &desc, const CompiledScene &scene)
     fail(GPURT_ERROR_UNSUPPORTED,
          "GPURT_OUTPUT_TIME is not supported by this version; leave its bit out of outputs");
   }
-  for (const gpurt_output output : {GPURT_OUTPUT_BIAS, GPURT_OUTPUT_ERROR}) {
-    if (desc.outputs & 1u << output) {
-      fail(GPURT_ERROR_UNSUPPORTED, "{} is not supported by this version; leave its bit out of outputs",
-           output == GPURT_OUTPUT_BIAS ? "GPURT_OUTPUT_BIAS" : "GPURT_OUTPUT_ERROR");
-    }
-  }
   const CameraData &camera = scene.cameras[desc.camera];
   FrameSettings settings;
   settings.width = checked_size(desc.width, camera.width, "width");
@@ -163,15 +157,24 @@ uint64_t Frame::output_bytes(gpurt_output output) const
   return uint64_t(state_.settings.width) * state_.settings.height * num_components(output) * 4;
 }
 
+SumRow Frame::row_of(uint32_t y) const
+{
+  const TileFilm &film = state_.film;
+  const uint64_t first = pixel(0, y);
+  PhotonEstimator estimator;
+  {
+    const std::scoped_lock lock(totals_mutex_);
+    estimator = state_.totals.photon.estimator;
+  }
+  const auto row = [&](const auto &values) { return values.empty() ? nullptr : values.data() + first; };
+  return {row(film.pixels), row(film.features),   row(film.first_hits),
+          row(film.errors), row(film.statistics), estimator};
+}
+
 void Frame::read_row(gpurt_output output, uint32_t y, void *row) const
 {
-  const uint64_t first = pixel(0, y);
-  const PixelFeatures *features =
-      state_.film.features.empty() ? nullptr : state_.film.features.data() + first;
-  const PixelFirstHit *first_hits =
-      state_.film.first_hits.empty() ? nullptr : state_.film.first_hits.data() + first;
   const std::scoped_lock lock(band_mutex(y));
-  resolve_row(output, {state_.film.pixels.data() + first, features, first_hits}, state_.settings.width, row);
+  resolve_row(output, row_of(y), state_.settings.width, row);
 }
 
 void Frame::read(gpurt_output output, void *data, uint64_t size_bytes) const
@@ -187,19 +190,44 @@ void Frame::read(gpurt_output output, void *data, uint64_t size_bytes) const
     read_row(output, y, static_cast<std::byte *>(data) + y * row_bytes);
 }
 
-// Under jobs_mutex_.
-void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpurt_photon_settings &photon,
-                          const ReyesSettings &reyes)
+// Outputs that say what the error is belong to photon mapping, and to settings that can tell.
+void Frame::check_error_outputs(const gpurt_render_desc &desc, const PhotonSettings &photon) const
 {
-  const std::scoped_lock lock(totals_mutex_);
-  FrameTotals &t = state_.totals;
+  constexpr uint32_t bias = 1u << GPURT_OUTPUT_BIAS, error = 1u << GPURT_OUTPUT_ERROR;
+  const uint32_t asked = state_.settings.outputs & (bias | error);
+  const char *name = asked & bias ? "GPURT_OUTPUT_BIAS" : "GPURT_OUTPUT_ERROR";
+  if (desc.pipeline != GPURT_PIPELINE_PHOTON) {
+    if (asked == 0) return;
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "{} is an output of GPURT_PIPELINE_PHOTON alone, and the frame was created with it: create a frame "
+         "without, whose noise GPURT_OUTPUT_VARIANCE tells",
+         name);
+  }
+  if (photon.estimator != PhotonEstimator::PerPixel) return;
+  if (asked != 0) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "{} is not supported with GPURT_PHOTON_ESTIMATOR_PER_PIXEL, whose bias is not known: create a frame "
+         "without, or use another photon.estimator",
+         name);
+  }
+  if (desc.target_error > 0) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "target_error is not supported with GPURT_PHOTON_ESTIMATOR_PER_PIXEL, whose bias is not known: give "
+         "samples_per_pixel or time_limit_s, or use another photon.estimator");
+  }
+}
+
+// Under jobs_mutex_.
+void Frame::begin_samples(const gpurt_render_desc &desc, const ReyesSettings &reyes)
+{
+  const FrameTotals t = totals();
   const bool is_free = t.counters.num_samples == 0 && jobs_.empty();
-  if (!is_free && t.max_depth != max_depth) {
+  if (!is_free && t.max_depth != desc.max_depth) {
     fail_invalid(
         "max_depth is {}, but the frame holds samples of depth {}; create a new frame for another depth",
-        max_depth, t.max_depth);
+        desc.max_depth, t.max_depth);
   }
-  if (!is_free && t.pipeline != pipeline) {
+  if (!is_free && t.pipeline != desc.pipeline) {
     fail_invalid("the frame holds samples of another pipeline; create a new frame for this one");
   }
   if (!is_free && !(t.reyes == reyes)) {
@@ -208,13 +236,51 @@ void Frame::begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpu
         "it",
         describe(t.reyes), describe(reyes));
   }
-  if (pipeline == GPURT_PIPELINE_PHOTON) {
+  PhotonSettings photon{};
+  uint32_t more = 0;
+  if (desc.pipeline == GPURT_PIPELINE_PHOTON) {
     const uint64_t num_pixels = uint64_t(state_.settings.width) * state_.settings.height;
-    t.photon = resolve_photon_settings(photon, is_free ? PhotonSettings{} : t.photon, num_pixels);
+    photon = resolve_photon_settings(desc.photon, is_free ? PhotonSettings{} : t.photon, num_pixels);
+    if (photon.estimator != PhotonEstimator::Memoryless) {
+      scene_.committed->require_photon_statistics();
+      more |= film_statistics;
+    }
+    if (desc.target_error > 0) more |= film_errors;
   }
-  t.pipeline = pipeline;
-  t.max_depth = max_depth;
-  t.reyes = reyes;
+  check_error_outputs(desc, photon);
+  if (!is_free && more & film_errors && state_.film.errors.empty()) {
+    fail_invalid(
+        "target_error asks for the bias of photon mapping too, but the frame's samples do not tell it: "
+        "create the frame with GPURT_OUTPUT_BIAS, or give its first job a target_error");
+  }
+  // Later jobs have the settings of the first one, which may be finding its radius just now.
+  if (!is_free) return;
+  add_film_outputs(more);
+  const std::scoped_lock lock(totals_mutex_);
+  state_.totals.pipeline = desc.pipeline;
+  state_.totals.max_depth = desc.max_depth;
+  state_.totals.reyes = reyes;
+  state_.totals.photon = photon;
+}
+
+// Under jobs_mutex_.
+void Frame::add_film_outputs(uint32_t more)
+{
+  more &= ~state_.film.outputs;
+  if (more == 0) return;
+  const uint64_t num_pixels = state_.film.pixels.size();
+  const uint64_t bytes = TileFilm::bytes_for(num_pixels, state_.film.outputs | more) -
+                         TileFilm::bytes_for(num_pixels, state_.film.outputs);
+  memory_.resize(memory_.bytes() + bytes, "the frame's film");
+  std::vector<std::unique_lock<std::mutex>> locks;
+  for (std::mutex &band : bands_) locks.emplace_back(band);
+  try {
+    state_.film.add_outputs(more);
+  } catch (const std::bad_alloc &) {
+    memory_.resize(memory_.bytes() - bytes, "the frame's film");
+    fail(GPURT_ERROR_OUT_OF_MEMORY,
+         "no memory for what photon mapping keeps of a frame: {} bytes more; make it smaller", bytes);
+  }
 }
 
 ReyesSettings Frame::resolve_reyes(const gpurt_reyes_settings &asked) const
@@ -322,29 +388,36 @@ uint64_t Frame::smallest_sample_count() const
   return smallest;
 }
 
-double Frame::estimated_error() const
+Frame::Error Frame::estimated_error() const
 {
   const std::scoped_lock lock(estimate_mutex_);
   uint64_t generation, num_samples;
+  gpurt_pipeline pipeline;
   {
     const std::scoped_lock totals_lock(totals_mutex_);
+    pipeline = state_.totals.pipeline;
     generation = generation_;
     num_samples = state_.totals.counters.num_samples;
   }
   if (generation == estimate_generation_) return estimate_;
-  bool is_known = true;
+  bool is_known = true, has_errors = false;
   const auto moments = [&](uint32_t y0, uint32_t y1, PixelMoments *out) {
     for (uint32_t y = y0; y < y1; ++y) {
       const std::scoped_lock band_lock(band_mutex(y));
-      for (uint64_t i = pixel(0, y); i < pixel(0, y + 1); ++i)
-        is_known &= moments_of(state_.film.pixels[i], *out++);
+      const SumRow row = row_of(y);
+      has_errors = row.errors != nullptr;
+      for (uint32_t x = 0; x < state_.settings.width; ++x) is_known &= moments_of(row, x, *out++);
     }
   };
   const uint32_t width = state_.settings.width, height = state_.settings.height;
   const double mean_samples = double(num_samples) / (double(width) * height);
-  const double estimate =
+  const ErrorEstimate estimate =
       estimate_relmse(width, height, mean_samples, unseen_radiance(*scene_.compiled), moments);
-  estimate_ = is_known ? estimate : -1;
+  estimate_ = {};
+  if (is_known) {
+    const bool has_bias = pipeline == GPURT_PIPELINE_PHOTON;
+    estimate_ = {estimate.noise, !has_bias ? 0 : has_errors ? estimate.bias : -1};
+  }
   estimate_generation_ = generation;
   return estimate_;
 }
@@ -352,7 +425,7 @@ double Frame::estimated_error() const
 void Frame::statistics(gpurt_statistics &out) const
 {
   const uint64_t samples_per_pixel = smallest_sample_count();
-  const double error = estimated_error();
+  const Error error = estimated_error();
   const std::scoped_lock lock(totals_mutex_);
   const FrameTotals &t = state_.totals;
   const RenderCounters &c = t.counters;
@@ -379,8 +452,8 @@ void Frame::statistics(gpurt_statistics &out) const
   out.shadow_seconds = c.shadow_seconds;
   out.film_seconds = c.film_seconds;
   out.build_seconds = scene_.build_seconds;
-  out.estimated_error = error;
-  out.estimated_bias = t.pipeline == GPURT_PIPELINE_PHOTON || error < 0 ? -1 : 0;
+  out.estimated_error = error.total();
+  out.estimated_bias = error.bias;
   out.largest_sample = double(c.largest_sample);
   out.memory_peak_bytes = scene_.memory ? scene_.memory->peak() : 0;
   out.schedule = last_schedule_;

@@ -1,6 +1,7 @@
 // A frame: the film that jobs add samples to, read, saved, continued and merged exactly.
 #pragma once
 
+#include <algorithm>
 #include <condition_variable>
 #include <deque>
 #include <mutex>
@@ -8,6 +9,7 @@
 
 #include "backend.h"
 #include "frame/film.h"
+#include "frame/outputs.h"
 #include "frame/sample_sets.h"
 
 namespace gpurt {
@@ -87,8 +89,12 @@ class Frame {
 
   /// Fills everything but struct_size.
   void statistics(gpurt_statistics &out) const;
-  /// relMSE of the frame from its halves (see error_estimate.h); negative where it is not known.
-  double estimated_error() const;
+  /// See error_estimate.h; negative where it is not known.
+  struct Error {
+    double noise = -1, bias = -1;
+    double total() const { return noise < 0 ? noise : noise + std::max(bias, 0.0); }
+  };
+  Error estimated_error() const;
 
  private:
   friend class Job;
@@ -100,6 +106,7 @@ class Frame {
   uint64_t pixel(uint32_t x, uint32_t y) const { return uint64_t(y) * state_.settings.width + x; }
 
   void check_output(gpurt_output output) const;
+  SumRow row_of(uint32_t y) const;
   void read_row(gpurt_output output, uint32_t y, void *row) const;
   void save_exr(const std::string &path) const;
   void save_state(const std::string &path) const;
@@ -111,9 +118,11 @@ class Frame {
 
   // What jobs do.
   /// Fixes pipeline, depth and settings with the first samples; throws INVALID_ARGUMENT where a
-  /// later job differs.
-  void begin_samples(gpurt_pipeline pipeline, uint32_t max_depth, const gpurt_photon_settings &photon,
-                     const ReyesSettings &reyes);
+  /// later job differs, UNSUPPORTED where the frame's outputs are not the pipeline's.
+  void begin_samples(const gpurt_render_desc &desc, const ReyesSettings &reyes);
+  void check_error_outputs(const gpurt_render_desc &desc, const PhotonSettings &photon) const;
+  /// Has film arrays for more. No job may run.
+  void add_film_outputs(uint32_t more);
   /// Settings of photon mapping with a radius, which is found from the scene where it is not known yet.
   PhotonSettings photon_settings(const EmissionView &emission);
   /// What zeros of `asked` mean for this frame: what its samples were made with, or the defaults.
@@ -146,7 +155,7 @@ class Frame {
 
   mutable std::mutex estimate_mutex_;
   mutable uint64_t estimate_generation_ = ~uint64_t(0);
-  mutable double estimate_ = -1;
+  mutable Error estimate_;
 };
 
 }  // namespace gpurt

@@ -84,8 +84,9 @@ const char *pipeline_text(gpurt_pipeline pipeline)
 
 std::string text_of(const PhotonSettings &s)
 {
-  return fmt::format("photons_per_pass={} initial_radius={} estimator=memoryless kernel={} remedies={:#x}",
-                     s.photons_per_pass, s.initial_radius,
+  static constexpr const char *estimators[] = {"none", "memoryless", "per_pixel", "adaptive"};
+  return fmt::format("photons_per_pass={} initial_radius={} estimator={} kernel={} remedies={:#x}",
+                     s.photons_per_pass, s.initial_radius, estimators[uint32_t(s.estimator) & 3],
                      s.kernel == PhotonKernel::Cone ? "cone" : "constant", s.remedies);
 }
 
@@ -159,15 +160,20 @@ void Frame::save_state(const std::string &path) const
   header.accel = state_.accel;
   header.triangle_test = state_.triangle_test;
   header.totals = totals();
+  {
+    const std::scoped_lock lock(band_mutex(0));
+    header.film.outputs = state_.film.outputs;
+  }
   write_state(
       path, header,
       [&](uint32_t y, const std::function<void(const FilmRow &)> &sink) {
-        const uint64_t first = pixel(0, y);
-        const TileFilm &film = state_.film;
         const std::scoped_lock lock(band_mutex(y));
-        sink({film.pixels.data() + first, film.features.empty() ? nullptr : film.features.data() + first,
-              film.first_hits.empty() ? nullptr : film.first_hits.data() + first,
-              state_.sample_sets.data() + first});
+        const SumRow row = row_of(y);
+        // A job that is submitted meanwhile may have given the film more arrays than the header names.
+        sink({row.pixels, row.features, row.first_hits,
+              TileFilm::has_errors(header.film.outputs) ? row.errors : nullptr,
+              header.film.outputs & film_statistics ? row.statistics : nullptr,
+              state_.sample_sets.data() + pixel(0, y)});
       },
       [&] {
         const std::scoped_lock lock(sets_mutex_);
@@ -197,6 +203,22 @@ void Frame::check_same_image(const FrameState &other, const std::string &other_n
     require("pipeline", int(ours.pipeline), int(other.totals.pipeline));
     require("photon mapping", text_of(ours.photon), text_of(other.totals.photon));
     require("pipeline", describe(ours.reyes), describe(other.totals.reyes));
+  }
+  const bool both = ours.counters.num_samples != 0 && other.totals.counters.num_samples != 0;
+  if (both && ours.photon.estimator != PhotonEstimator::Memoryless) {
+    fail(
+        GPURT_ERROR_UNSUPPORTED,
+        "{} cannot be merged: passes of this photon.estimator go on from what the pixels had before, so that "
+        "only a frame without samples can take them over; render parts that are to be merged with "
+        "GPURT_PHOTON_ESTIMATOR_MEMORYLESS",
+        other_name);
+  }
+  if (both && !state_.film.errors.empty() != TileFilm::has_errors(other.film.outputs)) {
+    fail_invalid(
+        "{} cannot be merged: {} has sums that tell the bias, the other has none; create the frames of all "
+        "parts "
+        "with GPURT_OUTPUT_BIAS, or none",
+        other_name, state_.film.errors.empty() ? "it" : "the frame");
   }
   if (!same_hits(state_.accel, other.accel)) {
     fail_invalid(
@@ -258,6 +280,8 @@ void Frame::merge_state(const FrameState &other, const std::string &other_name)
                    other_name, i % width, i / width, state_.sets.num_samples(entry->second));
     }
   }
+
+  add_film_outputs(other.film.outputs & (film_errors | film_statistics));
 
   uint64_t num_saturated = 0;
   first_gap_ = no_gap;

@@ -114,7 +114,7 @@ std::shared_ptr<Job> Job::submit(std::shared_ptr<Frame> frame, const gpurt_rende
     job->desc_.schedule.launch = gpurt_launch(job->reyes_schedule_.split);
     job->desc_.schedule.traversal = gpurt_traversal(job->reyes_schedule_.stages);
   }
-  frame->begin_samples(resolved.pipeline, resolved.max_depth, resolved.photon, job->reyes_);
+  frame->begin_samples(resolved, job->reyes_);
   frame->jobs_.push_back(job.get());
   try {
     job->thread_ = std::thread(&Job::run, job.get());
@@ -257,7 +257,7 @@ void Job::render()
     if (cancelled_) return;
     double error = -1;
     if (desc_.target_error > 0) {
-      error = frame_->estimated_error();
+      error = frame_->estimated_error().total();
       if (error >= 0 && error <= double(desc_.target_error)) {
         reason = fmt::format("the estimated error {:.3g} is below {:.3g}", error, desc_.target_error);
         break;
@@ -346,9 +346,12 @@ void Job::render_pass(std::span<const WorkUnit> units)
   std::atomic<size_t> num_delivered{0};
   RenderPass pass;
   pass.settings = frame_->path_settings(desc_.max_depth);
-  pass.outputs = frame_->settings().outputs;
+  pass.outputs = frame_->state_.film.outputs;
   pass.units = units;
-  if (has_photons()) pass.photon = &photon_request_;
+  if (has_photons()) {
+    pass.photon = &photon_request_;
+    if (!frame_->state_.film.statistics.empty()) pass.statistics = frame_->state_.film.statistics.data();
+  }
   if (desc_.pipeline == GPURT_PIPELINE_REYES) pass.reyes = &reyes_;
   pass.schedule = schedule_;
   pass.reyes_schedule = reyes_schedule_;

@@ -1,6 +1,7 @@
 #include "frame/outputs.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "frame/error_estimate.h"
@@ -16,6 +17,55 @@ FixedSum color_sum(const PixelSums &p, int channel)
   FixedSum sum = p.color[0][channel];
   add(sum, p.color[1][channel]);
   return sum;
+}
+
+// What pixels with statistics of their own gathered: their flux over the area of the last gather, a sample.
+double gathered_color(const SumRow &row, uint32_t x, int half, int channel)
+{
+  if (row.statistics == nullptr || row.estimator != PhotonEstimator::PerPixel) return 0;
+  const PixelStatistics &s = row.statistics[x];
+  return s.radius2 > 0 ? s.sums[3 * half + channel] / s.radius2 : 0;
+}
+
+double color_of_half(const SumRow &row, uint32_t x, int half, int channel)
+{
+  const PixelSums &p = row.pixels[x];
+  return (to_double(p.color[half][channel]) + gathered_color(row, x, half, channel)) /
+         double(p.num_samples[half]);
+}
+
+double color_of(const SumRow &row, uint32_t x, int channel)
+{
+  const PixelSums &p = row.pixels[x];
+  const double gathered = gathered_color(row, x, 0, channel) + gathered_color(row, x, 1, channel);
+  return (to_double(color_sum(p, channel)) + gathered) / double(num_finite(p));
+}
+
+double bias_of(const SumRow &row, uint32_t x, int channel)
+{
+  FixedSum sum = row.errors[x].bias[0][channel];
+  add(sum, row.errors[x].bias[1][channel]);
+  return to_double(sum) / double(num_finite(row.pixels[x]));
+}
+
+// Of Student's distribution with n degrees of freedom: two tails of 2.5 %. Source: Cornish and Fisher's expansion, Abramowitz
+// and Stegun 1964, 26.7.5.
+double student_quantile(double n)
+{
+  constexpr double z = 1.959964, z3 = z * z * z, z5 = z3 * z * z;
+  return z + (z3 + z) / (4 * n) + (5 * z5 + 16 * z3 + 3 * z) / (96 * n * n);
+}
+
+// The bias, and the confidence interval of what remains of the colour without it, as Hachisuka, Jarosz and Jensen 2010 have it.
+float error_of(const SumRow &row, uint32_t x, int channel)
+{
+  const PixelErrors &e = row.errors[x];
+  const double n = double(num_finite(row.pixels[x]));
+  if (n < 2 || e.num_unbounded != 0) return std::numeric_limits<float>::infinity();
+  const double bias = bias_of(row, x, channel), corrected = color_of(row, x, channel) - bias;
+  const double mean2 = to_double(e.corrected2[channel]) / double(error_square_scale) / n;
+  const double variance = std::max(mean2 - corrected * corrected, 0.0) / (n - 1);
+  return float(std::abs(bias) + student_quantile(n - 1) * std::sqrt(variance));
 }
 
 // Features are taken of every sample, also of those whose radiance was not finite.
@@ -77,18 +127,26 @@ uint32_t num_components(gpurt_output output)
   }
 }
 
-bool moments_of(const PixelSums &sums, PixelMoments &out)
+bool moments_of(const SumRow &row, uint32_t x, PixelMoments &out)
 {
+  const PixelSums &sums = row.pixels[x];
   const double a_count = sums.num_samples[0], b_count = sums.num_samples[1], count = a_count + b_count;
   const bool is_known = a_count > 0 && b_count > 0;
   out.is_covered = sums.num_covered > 0;
   for (int c = 0; c < 3; ++c) {
-    out.mean[c] = count > 0 ? float(to_double(color_sum(sums, c)) / count) : 0.0f;
+    out.mean[c] = count > 0 ? float(color_of(row, x, c)) : 0.0f;
     out.variance[c] = std::numeric_limits<float>::infinity();
+    out.bias2[c] = 0;
     if (!is_known) continue;
     // With s^2 the variance of one sample, E (a - b)^2 = s^2 (1/na + 1/nb), and that of the mean of all is s^2 / n.
-    const double difference = to_double(sums.color[0][c]) / a_count - to_double(sums.color[1][c]) / b_count;
+    const double difference = color_of_half(row, x, 0, c) - color_of_half(row, x, 1, c);
     out.variance[c] = float(difference * difference * (a_count / count) * (b_count / count));
+    if (row.errors == nullptr) continue;
+    // The halves' noise is independent: that of one does not raise the expectation of the product.
+    const PixelErrors &e = row.errors[x];
+    out.bias2[c] = e.num_unbounded != 0
+                       ? std::numeric_limits<float>::infinity()
+                       : float(to_double(e.bias[0][c]) / a_count * (to_double(e.bias[1][c]) / b_count));
   }
   return is_known;
 }
@@ -102,8 +160,7 @@ void resolve_row(gpurt_output output, const SumRow &row, uint32_t width, void *o
     const uint64_t count = num_finite(p);
     switch (output) {
       case GPURT_OUTPUT_COLOR:
-        for (int c = 0; c < 3; ++c)
-          *values++ = count ? float(to_double(color_sum(p, c)) / double(count)) : 0.0f;
+        for (int c = 0; c < 3; ++c) *values++ = count ? float(color_of(row, x, c)) : 0.0f;
         break;
       case GPURT_OUTPUT_ALPHA:
         *values++ = count ? float(double(p.num_covered) / double(count)) : 0.0f;
@@ -135,10 +192,16 @@ void resolve_row(gpurt_output output, const SumRow &row, uint32_t width, void *o
         break;
       case GPURT_OUTPUT_VARIANCE: {
         PixelMoments moments;
-        moments_of(p, moments);
+        moments_of(row, x, moments);
         for (float variance : moments.variance) *values++ = count ? variance : 0.0f;
         break;
       }
+      case GPURT_OUTPUT_BIAS:
+        for (int c = 0; c < 3; ++c) *values++ = count ? float(bias_of(row, x, c)) : 0.0f;
+        break;
+      case GPURT_OUTPUT_ERROR:
+        for (int c = 0; c < 3; ++c) *values++ = count ? error_of(row, x, c) : 0.0f;
+        break;
       default:
         GPURT_ASSERT(false);
     }

@@ -15,8 +15,11 @@ uint32_t num_components(gpurt_output output);
 
 struct SumRow {
   const PixelSums *pixels;
-  const PixelFeatures *features;    // or null
-  const PixelFirstHit *first_hits;  // or null
+  const PixelFeatures *features;      // or null
+  const PixelFirstHit *first_hits;    // or null
+  const PixelErrors *errors;          // or null
+  const PixelStatistics *statistics;  // or null
+  PhotonEstimator estimator;          // of the samples, where they are of photon mapping
 };
 
 /// Writes one row of `width` pixels, float or uint32_t as gpurt_output says. Pixels without samples become 0, ids of
@@ -24,8 +27,9 @@ struct SumRow {
 void resolve_row(gpurt_output output, const SumRow &row, uint32_t width, void *out);
 
 struct PixelMoments;
-/// Mean and variance of the mean from the two halves; false, with infinite variance, while a half is empty.
-bool moments_of(const PixelSums &sums, PixelMoments &out);
+/// Mean and variance of the mean of pixel x, from the two halves, and its squared bias; false, with infinite variance, while
+/// a half is empty.
+bool moments_of(const SumRow &row, uint32_t x, PixelMoments &out);
 
 /// Sums beyond the range in which further samples are safe.
 uint32_t num_saturated_sums(const PixelSums &sums);

@@ -34,12 +34,6 @@ void check_equal(const char *name, uint32_t asked, uint32_t made_with)
 PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const PhotonSettings &made_with,
                                        uint64_t num_pixels)
 {
-  if (asked.estimator == GPURT_PHOTON_ESTIMATOR_PER_PIXEL ||
-      asked.estimator == GPURT_PHOTON_ESTIMATOR_ADAPTIVE) {
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "photon.estimator {} is not supported by this version; use GPURT_PHOTON_ESTIMATOR_MEMORYLESS",
-         int(asked.estimator));
-  }
   constexpr uint32_t all_remedies = remedy_normal | remedy_plane | remedy_side | remedy_boundary;
   const uint32_t none = GPURT_PHOTON_REMEDY_NONE;
   if (asked.remedies > none || (asked.remedies & none && asked.remedies != none)) {
@@ -54,6 +48,7 @@ PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const
   PhotonSettings s;
   s.photons_per_pass = asked.photons_per_pass;
   s.initial_radius = asked.initial_radius;
+  s.estimator = PhotonEstimator(asked.estimator);
   s.kernel = PhotonKernel(asked.kernel);
   s.remedies = asked.remedies == none ? 0 : asked.remedies;
   if (made_with.photons_per_pass == 0) {
@@ -62,10 +57,18 @@ PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const
           uint32_t(std::clamp<uint64_t>(std::bit_ceil(num_pixels), fewest_photons, most_photons));
     if (asked.kernel == GPURT_PHOTON_KERNEL_AUTO) s.kernel = PhotonKernel::Constant;
     if (asked.remedies == 0) s.remedies = all_remedies;
+    if (asked.estimator == GPURT_PHOTON_ESTIMATOR_AUTO) s.estimator = PhotonEstimator::Memoryless;
+    if (s.estimator == PhotonEstimator::PerPixel && s.kernel != PhotonKernel::Constant) {
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "photon.kernel is not supported with GPURT_PHOTON_ESTIMATOR_PER_PIXEL, whose radii shrink by the "
+           "number of photons: use GPURT_PHOTON_KERNEL_CONSTANT, or another photon.estimator");
+    }
     return s;
   }
   if (s.photons_per_pass != 0)
     check_equal("photons_per_pass", s.photons_per_pass, made_with.photons_per_pass);
+  if (asked.estimator != GPURT_PHOTON_ESTIMATOR_AUTO)
+    check_equal("estimator", asked.estimator, uint32_t(made_with.estimator));
   if (asked.kernel != GPURT_PHOTON_KERNEL_AUTO)
     check_equal("kernel", asked.kernel, uint32_t(made_with.kernel));
   if (asked.remedies != 0) check_equal("remedies", s.remedies, made_with.remedies);

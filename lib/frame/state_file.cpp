@@ -17,13 +17,15 @@ namespace {
 static_assert(std::endian::native == std::endian::little,
               "a big-endian machine needs byte swaps in this file");
 static_assert(sizeof(PixelSums) == 112 && sizeof(PixelFeatures) == 48 && sizeof(PixelFirstHit) == 32 &&
-                  sizeof(SampleRange) == 16,
+                  sizeof(SampleRange) == 16 && sizeof(PixelErrors) == 152 && sizeof(PixelStatistics) == 64,
               "the file holds these as they lie in memory: a change of layout needs a new format_version");
 
 constexpr char magic[8] = {'g', 'p', 'u', 'r', 't', 'f', 'r', 'm'};
 constexpr uint32_t format_version = 4;
 constexpr uint32_t library_version =
     GPURT_VERSION_MAJOR << 16 | GPURT_VERSION_MINOR << 8 | GPURT_VERSION_PATCH;
+
+constexpr uint32_t film_only = film_errors | film_statistics;
 
 // Everything but the arrays, in the order of the file. No padding: eight-byte fields first.
 struct Header {
@@ -40,7 +42,7 @@ struct Header {
   float largest_sample;
   uint32_t width, height;
   uint32_t camera_index;
-  uint32_t outputs;
+  uint32_t outputs;  // with film_errors and film_statistics
   uint32_t frame_index;
   uint32_t pipeline;
   uint32_t max_depth;
@@ -109,7 +111,7 @@ Header make_header(const FrameState &s)
   h.width = s.settings.width;
   h.height = s.settings.height;
   h.camera_index = s.settings.camera;
-  h.outputs = s.settings.outputs;
+  h.outputs = s.settings.outputs | (s.film.outputs & film_only);
   h.frame_index = s.settings.frame_index;
   h.pipeline = s.totals.pipeline;
   h.max_depth = s.totals.max_depth;
@@ -125,7 +127,9 @@ Header make_header(const FrameState &s)
 FrameState state_from(const Header &h)
 {
   FrameState s;
-  s.settings = {h.width, h.height, h.camera_index, h.outputs, h.frame_index, h.seed, h.first_sample};
+  s.settings = {h.width,       h.height, h.camera_index, h.outputs & ~film_only,
+                h.frame_index, h.seed,   h.first_sample};
+  s.film.outputs = h.outputs;
   s.scene_hash = h.scene_hash;
   s.camera = h.camera;
   s.accel = Accel(h.accel);
@@ -200,10 +204,10 @@ class Reader {
 
 uint64_t num_pixels(const FrameSettings &settings) { return uint64_t(settings.width) * settings.height; }
 
-uint64_t array_bytes(const FrameSettings &settings)
+uint64_t array_bytes(const FrameState &state)
 {
-  return TileFilm::bytes_for(num_pixels(settings), settings.outputs) +
-         num_pixels(settings) * sizeof(uint32_t);
+  const uint64_t n = num_pixels(state.settings);
+  return TileFilm::bytes_for(n, state.film.outputs) + n * sizeof(uint32_t);
 }
 
 Header read_header(const std::string &path, Reader &file)
@@ -227,7 +231,7 @@ Header read_header(const std::string &path, Reader &file)
   file.expect_checksum();
   // Sizes are below 2^16 each, so that products of them cannot overflow.
   if (h.width == 0 || h.height == 0 || h.width > max_frame_size || h.height > max_frame_size ||
-      h.outputs >> GPURT_OUTPUT_COUNT != 0) {
+      (h.outputs & ~film_only) >> GPURT_OUTPUT_COUNT != 0) {
     fail(GPURT_ERROR_IO, "{}: damaged: {} x {} pixels and outputs {:#x} are not those of a frame", path,
          h.width, h.height, h.outputs);
   }
@@ -295,6 +299,8 @@ void write_state(const std::string &path, const FrameState &header, const RowSou
       put(row.pixels, width * sizeof(PixelSums));
       if (row.features) put(row.features, width * sizeof(PixelFeatures));
       if (row.first_hits) put(row.first_hits, width * sizeof(PixelFirstHit));
+      if (row.errors) put(row.errors, width * sizeof(PixelErrors));
+      if (row.statistics) put(row.statistics, width * sizeof(PixelStatistics));
       put(row.sample_sets, width * sizeof(uint32_t));
     });
   }
@@ -324,12 +330,12 @@ LoadedState read_state(const std::string &path, const std::shared_ptr<MemoryTrac
   const Header h = read_header(path, file);
   LoadedState loaded{state_from(h), {}};
   FrameState &state = loaded.state;
-  if (file.remaining_bytes() < array_bytes(state.settings)) {
+  if (file.remaining_bytes() < array_bytes(state)) {
     fail(GPURT_ERROR_IO, "{}: damaged: {} bytes do not hold a frame of {} x {} pixels", path,
          file.size_bytes(), h.width, h.height);
   }
   check(state);
-  loaded.memory = Reservation(memory, array_bytes(state.settings), "a loaded frame state");
+  loaded.memory = Reservation(memory, array_bytes(state), "a loaded frame state");
   state.film.reset(h.width, h.height, h.outputs);
   state.sample_sets.resize(num_pixels(state.settings));
   for (uint64_t y = 0; y < h.height; ++y) {
@@ -339,6 +345,10 @@ LoadedState read_state(const std::string &path, const std::shared_ptr<MemoryTrac
       file.read(state.film.features.data() + first, h.width * sizeof(PixelFeatures));
     if (!state.film.first_hits.empty())
       file.read(state.film.first_hits.data() + first, h.width * sizeof(PixelFirstHit));
+    if (!state.film.errors.empty())
+      file.read(state.film.errors.data() + first, h.width * sizeof(PixelErrors));
+    if (!state.film.statistics.empty())
+      file.read(state.film.statistics.data() + first, h.width * sizeof(PixelStatistics));
     file.read(state.sample_sets.data() + first, h.width * sizeof(uint32_t));
   }
   state.sets = read_sets(path, file);

@@ -1,7 +1,7 @@
 // The .gpurt file: a frame's sums, exact, with all that says which image they belong to.
 //
 // Layout, little-endian: magic "gpurtfrm", format version, header (see state_file.cpp), its checksum; row by row the pixels' sums,
-// features, first hits and sample sets; the table of sample sets; a 64-bit checksum of everything before it.
+// features, first hits, errors, statistics and sample sets; the table of sample sets; a 64-bit checksum of everything before it.
 #pragma once
 
 #include <functional>
@@ -14,8 +14,10 @@ namespace gpurt {
 /// Hands out one row of the film at a time; the row stays unchanged until the sink returns.
 struct FilmRow {
   const PixelSums *pixels;
-  const PixelFeatures *features;    // or null
-  const PixelFirstHit *first_hits;  // or null
+  const PixelFeatures *features;      // or null
+  const PixelFirstHit *first_hits;    // or null
+  const PixelErrors *errors;          // or null
+  const PixelStatistics *statistics;  // or null
   const uint32_t *sample_sets;
 };
 using RowSource = std::function<void(uint32_t y, const std::function<void(const FilmRow &)> &sink)>;

@@ -531,7 +531,7 @@ TEST_F(Arguments, Frames)
     expect_failure(wanted, part, part, [&] { return gpurt_frame_create(scene, &d, out.out()); });
   };
   refuse_frame("camera is 1", [](auto &d) { d.camera = 1; });
-  refuse_frame("outputs", [](auto &d) { d.outputs = 1u << 11; });
+  refuse_frame("outputs", [](auto &d) { d.outputs = 1u << GPURT_OUTPUT_COUNT; });
   refuse_frame("outputs", [](auto &d) { d.outputs = ~0u; });
   refuse_frame(
       "GPURT_OUTPUT_TIME", [](auto &d) { d.outputs = 1u << GPURT_OUTPUT_TIME; }, GPURT_ERROR_UNSUPPORTED);
@@ -577,12 +577,13 @@ TEST_F(Arguments, Submissions)
   refuse_photons("photon.initial_radius", [](auto &d) { d.photon.initial_radius = -1; });
   refuse_photons("photon.reserved", [](auto &d) { d.photon.reserved = 1; });
   refuse_photons("max_depth is 256", [](auto &d) { d.max_depth = 256; });
-  for (const gpurt_photon_estimator estimator :
-       {GPURT_PHOTON_ESTIMATOR_PER_PIXEL, GPURT_PHOTON_ESTIMATOR_ADAPTIVE}) {
-    refuse_photons(
-        "GPURT_PHOTON_ESTIMATOR_MEMORYLESS", [=](auto &d) { d.photon.estimator = estimator; },
-        GPURT_ERROR_UNSUPPORTED);
-  }
+  refuse_photons(
+      "GPURT_PHOTON_ESTIMATOR_PER_PIXEL",
+      [](auto &d) {
+        d.photon.estimator = GPURT_PHOTON_ESTIMATOR_PER_PIXEL;
+        d.photon.kernel = GPURT_PHOTON_KERNEL_CONE;
+      },
+      GPURT_ERROR_UNSUPPORTED);
   const auto refuse_reyes = [&](const std::string &part, auto change,
                                 gpurt_result wanted = GPURT_ERROR_INVALID_ARGUMENT) {
     refuse_render(
@@ -618,7 +619,7 @@ TEST_F(Arguments, Submissions)
 TEST_F(Arguments, ReadingAndFiles)
 {
   float alpha[64];
-  expect_invalid("output is 11", "read",
+  expect_invalid("output is 13", "read",
                  [&] { return gpurt_frame_read(frame, GPURT_OUTPUT_COUNT, alpha, 256); });
   expect_invalid("", "read", [&] { return gpurt_frame_read(frame, GPURT_OUTPUT_DEPTH, alpha, 256); });
   expect_invalid("size_bytes", "read",

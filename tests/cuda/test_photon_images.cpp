@@ -11,6 +11,7 @@ struct Pass {
   gpurt_photon_settings photon = GPURT_PHOTON_SETTINGS_INIT;
   uint32_t max_depth = 0, tile_size = 0;
   std::vector<gpurt_tile> tiles = {};
+  uint32_t outputs = all_outputs | error_outputs;
 
   RenderOptions size() const
   {
@@ -27,7 +28,7 @@ Frame frame_of(gpurt_scene scene, const Pass &o, uint64_t first_sample = 0)
   desc.width = o.width;
   desc.height = o.height;
   desc.seed = 42;
-  desc.outputs = all_outputs;
+  desc.outputs = o.outputs;
   desc.first_sample = first_sample;
   Frame frame;
   GPURT_EXPECT_OK(gpurt_frame_create(scene, &desc, frame.out()));
@@ -63,9 +64,9 @@ void compare_passes(gpurt_device reference, gpurt_device tested, void (*fill)(gp
   const Frame expected = frame_of(a, o), whole = frame_of(b, o);
   render_passes(expected, o);
   render_passes(whole, o);
-  const std::vector<OutputBits> bits = read_all(expected, o.size());
+  const std::vector<OutputBits> bits = read_all(expected, o.size(), o.outputs);
   EXPECT_GT(mean(read_color(expected, o.size())), 0.0);
-  expect_same(bits, read_all(whole, o.size()));
+  expect_same(bits, read_all(whole, o.size(), o.outputs));
   const gpurt_statistics s = statistics(expected), t = statistics(whole);
   EXPECT_EQ(t.num_samples, s.num_samples);
   EXPECT_EQ(t.num_camera_rays, s.num_camera_rays);
@@ -73,6 +74,8 @@ void compare_passes(gpurt_device reference, gpurt_device tested, void (*fill)(gp
   EXPECT_EQ(t.num_shadow_rays, s.num_shadow_rays);
   EXPECT_EQ(t.num_nonfinite, s.num_nonfinite);
   EXPECT_EQ(t.largest_sample, s.largest_sample);
+  EXPECT_EQ(t.estimated_error, s.estimated_error);
+  EXPECT_EQ(t.estimated_bias, s.estimated_bias);
   EXPECT_EQ(t.photon.initial_radius, s.photon.initial_radius);  // of the pilot
   EXPECT_EQ(t.photon_counters.num_emitted, s.photon_counters.num_emitted);
   EXPECT_EQ(t.photon_counters.num_rays, s.photon_counters.num_rays);
@@ -93,7 +96,33 @@ void compare_passes(gpurt_device reference, gpurt_device tested, void (*fill)(gp
   cut.spp = o.spp - cut.spp;
   render_passes(second, cut);
   GPURT_ASSERT_OK(gpurt_frame_merge(first, second));
-  expect_same(bits, read_all(first, o.size()));
+  expect_same(bits, read_all(first, o.size(), o.outputs));
+}
+
+// Passes that go on from what the one before left: at once, and in odd tiles, stopped and gone on with.
+void compare_estimator(gpurt_device reference, gpurt_device tested, void (*fill)(gpurt_scene),
+                       gpurt_photon_estimator estimator)
+{
+  Pass o = picture();
+  o.photon.estimator = estimator;
+  if (estimator == GPURT_PHOTON_ESTIMATOR_PER_PIXEL) o.outputs = all_outputs;
+  const Scene a = make_scene(reference, fill, GPURT_ACCEL_BVH), b = make_scene(tested, fill, GPURT_ACCEL_BVH);
+  const Frame expected = frame_of(a, o), whole = frame_of(b, o), cut = frame_of(b, o);
+  render_passes(expected, o);
+  render_passes(whole, o);
+  EXPECT_GT(mean(read_color(expected, o.size())), 0.0);
+  const std::vector<OutputBits> bits = read_all(expected, o.size(), o.outputs);
+  expect_same(bits, read_all(whole, o.size(), o.outputs));
+  EXPECT_EQ(statistics(whole).estimated_error, statistics(expected).estimated_error);
+  Pass part = o;
+  part.tile_size = 13;
+  part.spp = o.spp / 2;
+  const uint32_t x = o.width / 3, y = o.height / 2;
+  part.tiles = {{x, 0, o.width, y}, {0, 0, x, o.height}, {x, y, o.width, o.height}};
+  render_passes(cut, part);
+  part.spp = o.spp;
+  render_passes(cut, part);
+  expect_same(bits, read_all(cut, o.size(), o.outputs));
 }
 
 void compare_all(gpurt_device reference, gpurt_device tested, void (*fill)(gpurt_scene))
@@ -116,6 +145,18 @@ TEST(CudaPhotonImages, OfACornellBoxHaveTheBitsOfTheCpu)
   compare_all(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_cornell_box);
 }
 
+TEST(CudaPhotonImages, WithStatisticsOfPixelsHaveTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device cpu = make_device(GPURT_DEVICE_CPU), cuda = make_device(GPURT_DEVICE_CUDA);
+  for (gpurt_photon_estimator estimator :
+       {GPURT_PHOTON_ESTIMATOR_PER_PIXEL, GPURT_PHOTON_ESTIMATOR_ADAPTIVE}) {
+    SCOPED_TRACE(estimator);
+    compare_estimator(cpu, cuda, fill_cornell_box, estimator);
+    compare_estimator(cpu, cuda, fill_everything, estimator);
+  }
+}
+
 TEST(CudaPhotonImages, OfEverythingHaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
@@ -131,15 +172,16 @@ TEST(CudaPhotonImages, AreTheSameInLittleMemory)
   o.photon.photons_per_pass = uint32_t(amount(300000, 60000));
   const Device roomy = make_device(GPURT_DEVICE_CUDA);
   const Scene a = make_scene(roomy, fill_cornell_box);
-  const Frame expected = frame_of(a, o);
-  render_passes(expected, o);
-  EXPECT_EQ(statistics(expected).photon_counters.num_sub_passes, o.spp);
   for (const uint64_t limit : {6 * mib, 24 * mib}) {
+    o.outputs = limit == 6 * mib ? all_outputs : all_outputs | error_outputs;
+    const Frame expected = frame_of(a, o);
+    render_passes(expected, o);
+    EXPECT_EQ(statistics(expected).photon_counters.num_sub_passes, o.spp);
     const Device tight = make_device(GPURT_DEVICE_CUDA, 0, limit);
     const Scene b = make_scene(tight, fill_cornell_box);
     const Frame tested = frame_of(b, o);
     render_passes(tested, o);
-    expect_same(read_all(expected, o.size()), read_all(tested, o.size()));
+    expect_same(read_all(expected, o.size(), o.outputs), read_all(tested, o.size(), o.outputs));
     EXPECT_GT(statistics(tested).photon_counters.num_sub_passes, o.spp);
     EXPECT_LE(statistics(tested).memory_peak_bytes, limit);
   }
@@ -151,7 +193,8 @@ TEST(CudaPhotonImages, NameWhatIsTooLargeForTheMemory)
   // Room for the frame, which takes some 800 KB, and not for what passes work on, were it a thousand photons at a time.
   const Device device = make_device(GPURT_DEVICE_CUDA, 0, uint64_t(5) << 18);
   const Scene scene = make_scene(device, fill_cornell_box);
-  const Pass o{64, 64, 1};
+  Pass o{64, 64, 1};
+  o.outputs = all_outputs;
   const Frame frame = frame_of(scene, o);
   Job job;
   GPURT_ASSERT_OK(submit(frame, o, job.out()));
@@ -204,12 +247,30 @@ TEST(CudaPair, SharesOutPassesOfPhotonMapping)
   }
 }
 
+TEST(CudaPair, RefusesStatisticsOfPixels)
+{
+  if (num_cuda_devices() < 2) GTEST_SKIP() << "no two CUDA devices";
+  const Device device = make_cuda_devices({0, 1});
+  const Scene scene = make_scene(device, fill_cornell_box);
+  Pass o{16, 16, 1};
+  o.photon.estimator = GPURT_PHOTON_ESTIMATOR_ADAPTIVE;
+  const Frame frame = frame_of(scene, o);
+  Job job;
+  EXPECT_EQ(submit(frame, o, job.out()), GPURT_ERROR_UNSUPPORTED);
+  EXPECT_NE(std::string(gpurt_last_error()).find("several devices"), std::string::npos) << gpurt_last_error();
+}
+
 TEST(PhotonImages, DoNotDependOnTheNumberOfThreads)
 {
   Pass o{45, 33, 4};
   for (void (*fill)(gpurt_scene) : {fill_cornell_box, fill_everything}) {
     compare_passes(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill, o,
                    GPURT_ACCEL_BVH);
+  }
+  for (gpurt_photon_estimator estimator :
+       {GPURT_PHOTON_ESTIMATOR_PER_PIXEL, GPURT_PHOTON_ESTIMATOR_ADAPTIVE}) {
+    compare_estimator(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_everything,
+                      estimator);
   }
 }
 

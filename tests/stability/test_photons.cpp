@@ -12,6 +12,7 @@ struct PhotonOptions : RenderOptions {
   gpurt_pipeline pipeline = GPURT_PIPELINE_PHOTON;
   gpurt_photon_settings photon = GPURT_PHOTON_SETTINGS_INIT;
   uint64_t first_sample = 0;
+  uint32_t frame_index = 0;
 };
 
 class Photons : public Stability {
@@ -33,6 +34,7 @@ class Photons : public Stability {
     frame_desc.height = o.height;
     frame_desc.seed = o.seed;
     frame_desc.first_sample = o.first_sample;
+    frame_desc.frame_index = o.frame_index;
     Frame frame;
     GPURT_EXPECT_OK(gpurt_frame_create(scene, &frame_desc, frame.out()));
     gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
@@ -217,6 +219,50 @@ TEST_P(Photons, Row24Furnace)
     note += text_of(is_inside ? ", inside %.5f" : "outside %.5f", value);
   }
   record(24, method(), bad, 2, note);
+}
+
+// The wall of a furnace, where all pixels have the same expectation. Discs are smaller than pixels: neighbours share few
+// photons, so that pixels are about as many independent values.
+TEST_P(Photons, Row25CorrelatedSamples)
+{
+  const Scene scene = make_scene();
+  add_mesh(scene, cube(), furnace_material(scene, 0.8f));
+  add_camera(scene, {0, 0, 0}, 2 * std::atan(0.9f));
+  commit_scene(scene);
+  PhotonOptions o;
+  o.width = o.height = uint32_t(count(64, 192));
+  o.spp = 4;
+  o.photon.photons_per_pass = 65536;
+  o.photon.initial_radius = 0.3f * 1.8f / float(o.width);
+  std::vector<std::vector<double>> noise;
+  for (const uint64_t seed : {0, 1}) {
+    for (const uint32_t frame_index : {0u, 1u}) {
+      o.seed = seed;
+      o.frame_index = frame_index;
+      const std::vector<float> color = render_with(scene, o).color;
+      std::vector<double> values;
+      for (size_t i = 0; i < color.size(); i += 3) values.push_back(double(color[i]));
+      double sum = 0, square = 0;
+      for (double v : values) sum += v;
+      for (double &v : values) v -= sum / double(values.size()), square += v * v;
+      for (double &v : values) v /= std::sqrt(square);
+      EXPECT_GT(square, 0) << "no noise to compare";
+      noise.push_back(std::move(values));
+    }
+  }
+  uint64_t bad = 0, total = 0;
+  double worst = 0;
+  const double sigma = 1 / std::sqrt(double(noise[0].size()));
+  for (size_t i = 0; i < noise.size(); ++i) {
+    for (size_t j = i + 1; j < noise.size(); ++j) {
+      double correlation = 0;
+      for (size_t k = 0; k < noise[i].size(); ++k) correlation += noise[i][k] * noise[j][k];
+      worst = std::max(worst, std::abs(correlation) / sigma);
+      bad += !(std::abs(correlation) < 3 * sigma);
+      ++total;
+    }
+  }
+  record(25, method(), bad, total, text_of("largest of %.0f pairs: %.2f sigma", double(total), worst));
 }
 
 TEST_P(Photons, Row26EstimatorEquality)

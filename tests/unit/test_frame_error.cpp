@@ -118,11 +118,11 @@ TEST(ErrorEstimate, IsUnknownWithoutTwoHalves)
 {
   FakeFrame fake;
   const auto frame = fake.make(8, 8);
-  EXPECT_LT(frame->estimated_error(), 0);
+  EXPECT_LT(frame->estimated_error().total(), 0);
   render(frame, 1);
-  EXPECT_LT(frame->estimated_error(), 0);
+  EXPECT_LT(frame->estimated_error().total(), 0);
   render(frame, 2);
-  EXPECT_GT(frame->estimated_error(), 0);
+  EXPECT_GT(frame->estimated_error().total(), 0);
 }
 
 }  // namespace

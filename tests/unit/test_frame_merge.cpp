@@ -245,7 +245,7 @@ TEST_F(FrameMerge, ChecksItsDescription)
   };
   EXPECT_TRUE(contains(refused([](auto &d) { d.camera = 1; }).second, "has 1 cameras"));
   EXPECT_TRUE(contains(refused([](auto &d) { d.width = 65536; }).second, "width is 65536"));
-  EXPECT_TRUE(contains(refused([](auto &d) { d.outputs = 1u << 11; }).second, "outputs"));
+  EXPECT_TRUE(contains(refused([](auto &d) { d.outputs = 1u << GPURT_OUTPUT_COUNT; }).second, "outputs"));
   EXPECT_EQ(refused([](auto &d) { d.outputs = 1u << GPURT_OUTPUT_TIME; }).first, GPURT_ERROR_UNSUPPORTED);
   fake.memory = std::make_shared<MemoryTracker>(1 << 20);
   const auto [result, text] = refused([](auto &d) { d.width = 512; });

@@ -47,11 +47,18 @@ constexpr Named remedies_known[] = {{"all", 0},
                                     {"plane", GPURT_PHOTON_REMEDY_PLANE},
                                     {"side", GPURT_PHOTON_REMEDY_SIDE},
                                     {"boundary", GPURT_PHOTON_REMEDY_BOUNDARY}};
-constexpr Named outputs[] = {{"color", GPURT_OUTPUT_COLOR},          {"alpha", GPURT_OUTPUT_ALPHA},
-                             {"depth", GPURT_OUTPUT_DEPTH},          {"normal", GPURT_OUTPUT_NORMAL},
-                             {"albedo", GPURT_OUTPUT_ALBEDO},        {"position", GPURT_OUTPUT_POSITION},
-                             {"primitive", GPURT_OUTPUT_PRIMITIVE},  {"instance", GPURT_OUTPUT_INSTANCE},
-                             {"samples", GPURT_OUTPUT_SAMPLE_COUNT}, {"variance", GPURT_OUTPUT_VARIANCE}};
+constexpr Named outputs[] = {{"color", GPURT_OUTPUT_COLOR},
+                             {"alpha", GPURT_OUTPUT_ALPHA},
+                             {"depth", GPURT_OUTPUT_DEPTH},
+                             {"normal", GPURT_OUTPUT_NORMAL},
+                             {"albedo", GPURT_OUTPUT_ALBEDO},
+                             {"position", GPURT_OUTPUT_POSITION},
+                             {"primitive", GPURT_OUTPUT_PRIMITIVE},
+                             {"instance", GPURT_OUTPUT_INSTANCE},
+                             {"samples", GPURT_OUTPUT_SAMPLE_COUNT},
+                             {"variance", GPURT_OUTPUT_VARIANCE},
+                             {"bias", GPURT_OUTPUT_BIAS},
+                             {"error", GPURT_OUTPUT_ERROR}};
 
 template <size_t n>
 const char *name_in(const Named (&names)[n], uint32_t value)
@@ -254,6 +261,12 @@ std::string in_options(std::string text)
       {"GPURT_PIPELINE_PHOTON", "--pipeline photon"},
       {"GPURT_PIPELINE_REYES", "--pipeline reyes"},
       {"GPURT_PIPELINE_HYBRID", "--pipeline hybrid"},
+      {"GPURT_PHOTON_ESTIMATOR_MEMORYLESS", "--photon-estimator memoryless"},
+      {"GPURT_PHOTON_ESTIMATOR_PER_PIXEL", "--photon-estimator per-pixel"},
+      {"GPURT_PHOTON_KERNEL_CONSTANT", "--photon-kernel constant"},
+      {"GPURT_OUTPUT_BIAS", "--aov bias"},
+      {"GPURT_OUTPUT_ERROR", "--aov error"},
+      {"GPURT_OUTPUT_VARIANCE", "--aov variance"},
       {"GPURT_TRIANGLE_WATERTIGHT", "--triangle-test watertight"},
       {"GPURT_TRIANGLE_MOLLER_TRUMBORE", "--triangle-test moller-trumbore"},
       {"GPURT_TRIANGLE_DOUBLE", "--triangle-test double"},
@@ -376,6 +389,8 @@ uint32_t parse_outputs(const std::vector<std::string> &names)
   for (const std::string &name : names) {
     if (name == "all") {
       for (const Named &output : outputs) bits |= 1u << output.value;
+      // Photon mapping's own are asked for by name.
+      bits &= ~(1u << GPURT_OUTPUT_BIAS | 1u << GPURT_OUTPUT_ERROR);
     } else {
       bits |= 1u << value_in(outputs, name, "--aov");
     }
@@ -385,6 +400,7 @@ uint32_t parse_outputs(const std::vector<std::string> &names)
 
 const char *name_of(gpurt_accel accel) { return name_in(accels, accel); }
 const char *name_of(gpurt_triangle_test test) { return name_in(tests, test); }
+const char *name_of(gpurt_photon_estimator estimator) { return name_in(estimators, estimator); }
 const char *name_of(gpurt_pipeline pipeline) { return name_in(pipelines, pipeline); }
 const char *name_of(gpurt_device_type type)
 {

@@ -74,6 +74,7 @@ uint32_t parse_outputs(const std::vector<std::string> &names);
 
 const char *name_of(gpurt_accel accel);
 const char *name_of(gpurt_triangle_test test);
+const char *name_of(gpurt_photon_estimator estimator);
 const char *name_of(gpurt_pipeline pipeline);
 const char *name_of(gpurt_device_type type);
 

@@ -231,7 +231,9 @@ void add_render_command(CLI::App &program)
                              ->check(CLI::Range(1u, std::numeric_limits<uint32_t>::max()))
                              ->type_name("N");
   CLI::Option *error =
-      command->add_option("--error", o->error, "until the frame's estimated relMSE is below this")
+      command
+          ->add_option("--error", o->error,
+                       "until the frame's estimated relMSE is below this, of photon mapping noise and bias")
           ->check(positive)
           ->type_name("E");
   CLI::Option *time = command->add_option("--time", o->time, "as many samples as fit into this many seconds")
@@ -276,7 +278,7 @@ void add_render_command(CLI::App &program)
   command
       ->add_option("--aov", o->aovs,
                    "more layers for .exr: alpha, depth, normal, albedo, position, primitive, instance, "
-                   "samples, variance or all")
+                   "samples, variance or all; of photon mapping bias and error")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("A,B,...");

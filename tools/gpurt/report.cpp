@@ -100,7 +100,7 @@ Json to_json(const gpurt_photon_settings &s, const gpurt_photon_counters &c)
 {
   return {{"photons_per_pass", s.photons_per_pass},
           {"initial_radius", s.initial_radius},
-          {"estimator", "memoryless"},
+          {"estimator", name_of(s.estimator)},
           {"kernel", s.kernel == GPURT_PHOTON_KERNEL_CONE ? "cone" : "constant"},
           {"remedies", s.remedies},
           {"num_emitted", c.num_emitted},
@@ -112,7 +112,9 @@ Json to_json(const gpurt_photon_settings &s, const gpurt_photon_counters &c)
           {"trace_seconds", c.trace_seconds},
           {"build_seconds", c.build_seconds},
           {"gather_seconds", c.gather_seconds},
-          {"smallest_radius", c.smallest_radius}};
+          {"smallest_radius", c.smallest_radius},
+          {"emit_seconds", c.emit_seconds},
+          {"scatter_seconds", c.scatter_seconds}};
 }
 
 // Counters of REYES, and what it was asked for.
@@ -171,6 +173,7 @@ Json to_json(const gpurt_statistics &s)
           {"build_seconds", s.build_seconds},
           // Not known is no number.
           {"estimated_error", s.estimated_error >= 0 ? Json(s.estimated_error) : Json(nullptr)},
+          {"estimated_bias", s.estimated_bias >= 0 ? Json(s.estimated_bias) : Json(nullptr)},
           {"largest_sample", s.largest_sample},
           {"memory_peak_bytes", s.memory_peak_bytes},
           {"schedule", to_json(s.schedule)},
@@ -207,8 +210,13 @@ void print_summary(gpurt_device device, gpurt_frame frame, const std::vector<std
                s.photon.photons_per_pass, double(s.photon_counters.num_stored) * 1e-6,
                s.photon.initial_radius, s.photon_counters.smallest_radius);
   }
-  if (s.estimated_error >= 0)
-    fmt::print("estimated relMSE {:.3g}, largest sample {:.4g}\n", s.estimated_error, s.largest_sample);
+  if (s.estimated_error >= 0) {
+    std::string parts;
+    if (s.photon.photons_per_pass && s.estimated_bias < 0) parts = " of noise, the bias is not known";
+    else if (s.photon.photons_per_pass) parts = fmt::format(" ({:.3g} of it bias)", s.estimated_bias);
+    fmt::print("estimated relMSE {:.3g}{}, largest sample {:.4g}\n", s.estimated_error, parts,
+               s.largest_sample);
+  }
   if (s.num_nonfinite > 0) fmt::print("{} samples were not finite and left out\n", s.num_nonfinite);
   std::string files;
   for (const std::string &path : outputs) files += (files.empty() ? "" : ", ") + path;

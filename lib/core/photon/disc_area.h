@@ -38,7 +38,7 @@ GPURT_INLINE Vec2f disc_point(SampleKey key, PhotonKernel kernel, uint32_t k)
 // Whether the point's disc is not known to lie on a surface.
 GPURT_INLINE bool wants_disc_trials(const PhotonPass &pass, const VisiblePoint &point)
 {
-  return point.depth != 0 && !(point.clearance > pass.radius);
+  return point.depth != 0 && !(point.clearance > gather_radius(pass, point));
 }
 
 // The ray of trial k, from half a radius above the point to a little below the disc: what stands between hides it.
@@ -47,9 +47,17 @@ GPURT_INLINE Ray disc_probe(const PhotonPass &pass, SampleKey key, const Visible
   Vec3f s, t;
   make_frame(point.geometric_normal, s, t);
   const Vec2f q = disc_point(key, pass.kernel, k);
-  const Vec3f offset = (s * q.x + t * q.y) * pass.radius;
-  const Vec3f above = point.geometric_normal * (0.5f * pass.radius);
+  const float radius = gather_radius(pass, point);
+  const Vec3f offset = (s * q.x + t * q.y) * radius;
+  const Vec3f above = point.geometric_normal * (0.5f * radius);
   return {point.position + above, 0.0f, offset - above, 1.5f};
+}
+
+// What trial k adds to VisiblePoint::missed if it meets none.
+GPURT_INLINE int32_t missed_blur(SampleKey key, PhotonKernel kernel, uint32_t k)
+{
+  const Vec2f q = disc_point(key, kernel, k);
+  return int32_t(blur_weight(kernel, q.x * q.x + q.y * q.y, 1.0f) * 0x1p20f);
 }
 
 // Whether a probe met a surface that the gather takes photons from.
@@ -59,7 +67,7 @@ GPURT_INLINE bool lies_on_surface(const SceneView &scene, const PhotonPass &pass
   if (hit.triangle == invalid_id) return false;
   const SurfaceHit surface = surface_at(scene, hit);
   const float distance = abs(dot(surface.position - point.position, point.geometric_normal));
-  if (distance > gather_max_plane_distance * pass.radius) return false;
+  if (distance > gather_max_plane_distance * gather_radius(pass, point)) return false;
   const float cosine = abs(dot(surface.geometric_normal, point.geometric_normal));
   return !(pass.remedies & remedy_normal && cosine < gather_min_cosine);
 }
@@ -88,11 +96,14 @@ struct EndDiscTrials {
   PathWave wave;
   VisiblePoint *points;
   PhotonPass pass;
+  uint32_t k;
 
   GPURT_HD void operator()(uint32_t i) const
   {
-    VisiblePoint &point = points[wave.rays.paths[i]];
+    const uint32_t path = wave.rays.paths[i];
+    VisiblePoint &point = points[path];
     if (lies_on_surface(scene, pass, point, wave.hits[i])) point.clearance = infinity;
+    else point.missed += missed_blur(wave.paths[path].key, pass.kernel, k);
   }
 };
 

@@ -22,6 +22,8 @@ struct VisiblePoint {
   Vec3f wo;              // Metal alone
   Vec3f color;           // Metal alone: F0
   float clearance;  // distance to the rim of the triangle that was hit; infinity: the disc has been measured
+  float radius;     // of the gather, where pixels have radii of their own
+  int32_t missed;   // blur_weight of the trials that met no surface, summed up in units of 2^-20
 };
 
 // Bits of PathState::covered.
@@ -85,6 +87,7 @@ struct EyeVertex {
     point.normal_code = encode_normal(point.geometric_normal);
     point.depth = depth;
     point.inverse_area = 1.0f;
+    point.missed = 0;
     point.clearance = clearance(hit);
     point.shading_normal = normal;
     point.wo = wo_world;

@@ -11,6 +11,11 @@
 
 namespace gpurt {
 
+// The same photons, weighed by what they say about the blur of their sum; in the same units.
+struct PhotonBlur {
+  int64_t flux[3];
+};
+
 struct PhotonSum {
   int64_t flux[3];         // in units of 2^-32
   uint32_t num_photons;    // that counted
@@ -28,11 +33,31 @@ constexpr float gather_max_plane_distance = 0.1f;
 GPURT_FUNCTIONS_BEGIN
 
 GPURT_INLINE void clear(PhotonSum &sum) { sum = {{0, 0, 0}, 0, 0}; }
+GPURT_INLINE void clear(PhotonBlur &blur) { blur = {{0, 0, 0}}; }
+
+// The radius of a point's gather.
+GPURT_INLINE float gather_radius(const PhotonPass &pass, const VisiblePoint &point)
+{
+  return pass.estimator == PhotonEstimator::Memoryless ? pass.radius : point.radius;
+}
 
 // Weight of a photon at distance d; PhotonPass::scale has the norm.
 GPURT_INLINE float kernel_weight(PhotonKernel kernel, float d2, float inverse_radius)
 {
   return kernel == PhotonKernel::Cone ? max(1.0f - sqrt(d2) * inverse_radius, 0.0f) : 1.0f;
+}
+
+// What a photon at distance d, whose contribution is weighed by the kernel already, says about the blur of the sum.
+//
+// Where radiance is smooth, its mean over a ring of radius d is L + d^2 / 4 times its Laplacian. This weight makes the sum 0 for
+// what is constant, and for what grows with d^2 just what that adds to the plain sum: so its expectation is the bias of the
+// plain sum, up to the fourth power of the radius. For the constant kernel it is the one of least variance that does so.
+// Source: Hachisuka, Jarosz and Jensen 2010, for bias by the Laplacian.
+// Differs: they sum up photons with second derivatives of a smooth kernel, and multiply with the square of the radius.
+GPURT_INLINE float blur_weight(PhotonKernel kernel, float d2, float inverse_radius)
+{
+  const float x2 = d2 * inverse_radius * inverse_radius;
+  return 6.0f * (kernel == PhotonKernel::Cone ? sqrt(x2) : x2) - 3.0f;
 }
 
 GPURT_INLINE float min_normal_dot_cosine(uint32_t remedies)
@@ -41,11 +66,12 @@ GPURT_INLINE float min_normal_dot_cosine(uint32_t remedies)
 }
 
 // Adds the photons of one of NumParts parts, which may be summed side by side: every NumParts-th photon of the grid.
-template <uint32_t NumParts = 1>
+template <uint32_t NumParts = 1, bool HasBlur = false>
 GPURT_INLINE void gather_photons(const PhotonGrid &grid, const PhotonPass &pass, uint32_t max_depth,
-                                 const VisiblePoint &point, PhotonSum &sum, uint32_t part = 0)
+                                 const VisiblePoint &point, PhotonSum &sum, PhotonBlur &blur,
+                                 uint32_t part = 0)
 {
-  const float radius = pass.radius, inverse_radius = 1.0f / radius;
+  const float radius = gather_radius(pass, point), inverse_radius = 1.0f / radius;
   const int threshold = normal_threshold(min_normal_dot_cosine(pass.remedies));
   const float max_plane_distance =
       pass.remedies & remedy_plane ? gather_max_plane_distance * radius : infinity;
@@ -77,6 +103,12 @@ GPURT_INLINE void gather_photons(const PhotonGrid &grid, const PhotonPass &pass,
     sum.flux[1] += int64_t(flux.y * 0x1p32f);
     sum.flux[2] += int64_t(flux.z * 0x1p32f);
     ++sum.num_photons;
+    if (HasBlur) {
+      flux *= blur_weight(pass.kernel, d2, inverse_radius);
+      blur.flux[0] += int64_t(flux.x * 0x1p32f);
+      blur.flux[1] += int64_t(flux.y * 0x1p32f);
+      blur.flux[2] += int64_t(flux.z * 0x1p32f);
+    }
   };
   const float radius2 = radius * radius;
   for_each_range(grid, point.position, radius, [&](uint32_t begin, uint32_t end) {
@@ -88,12 +120,33 @@ GPURT_INLINE void gather_photons(const PhotonGrid &grid, const PhotonPass &pass,
   });
 }
 
+// Radiance for a unit of a sum, where the disc lies on a surface.
+GPURT_INLINE float flux_scale(const PhotonPass &pass, const VisiblePoint &point)
+{
+  if (pass.estimator == PhotonEstimator::Memoryless) return pass.scale * 0x1p-32f;
+  const float ratio = pass.radius / point.radius;
+  return pass.scale * 0x1p-32f * (ratio * ratio);
+}
+
 // Radiance towards the eye of what a visible point gathered in a whole pass.
 GPURT_INLINE Vec3f gathered_radiance(const PhotonPass &pass, const VisiblePoint &point, const PhotonSum &sum)
 {
-  const float scale = pass.scale * 0x1p-32f * point.inverse_area;
+  const float scale = flux_scale(pass, point) * point.inverse_area;
   return point.weight *
          Vec3f{float(sum.flux[0]) * scale, float(sum.flux[1]) * scale, float(sum.flux[2]) * scale};
+}
+
+// What the blur added to it, estimated. Where only a part of the disc lies on a surface, blur_weight of what is constant
+// does not sum up to 0: the trials that met none say by how much. With K trials, 1 / A and the mean of the weight over the
+// part that is missing have the product K / 2 times their sum as their estimate without bias.
+GPURT_INLINE Vec3f gathered_blur(const PhotonPass &pass, const VisiblePoint &point, const PhotonSum &sum,
+                                 const PhotonBlur &blur)
+{
+  const float scale = flux_scale(pass, point) * point.inverse_area;
+  const float missed = 0.5f * 0x1p-20f * float(point.missed);
+  return point.weight * Vec3f{(float(blur.flux[0]) + missed * float(sum.flux[0])) * scale,
+                              (float(blur.flux[1]) + missed * float(sum.flux[1])) * scale,
+                              (float(blur.flux[2]) + missed * float(sum.flux[2])) * scale};
 }
 
 // What a path found. Not finite where a contribution was too large to be summed up.
@@ -104,27 +157,6 @@ GPURT_INLINE Vec3f sample_radiance(const PhotonPass &pass, const PathState &path
   if (sum.num_overflows != 0) return vec3(infinity);
   return path.radiance + gathered_radiance(pass, point, sum);
 }
-
-// Adds the wave's paths to the film: one call a pixel, as AddSamples.
-struct AddPhotonSamples {
-  PathUnit unit;
-  PathWave wave;
-  FilmView film;
-  PhotonPass pass;
-  const VisiblePoint *points;
-  const PhotonSum *sums;
-  uint32_t num_paths;
-
-  GPURT_HD void operator()(uint32_t i) const
-  {
-    const uint32_t num_pixels = film.width * film.height;
-    for (uint32_t k = i; k < num_paths; k += num_pixels) {
-      const PathSample sample = path_sample(unit, k);
-      const Vec3f radiance = sample_radiance(pass, wave.paths[k], points[k], sums[k]);
-      add_sample(film.pixels[sample.local], sample.sample, radiance, wave.paths[k].covered != 0);
-    }
-  }
-};
 
 GPURT_FUNCTIONS_END
 }  // namespace gpurt

@@ -60,7 +60,7 @@ void measure_discs(Executor &exec, const SceneView &scene, const PhotonPass &pas
     const uint32_t num_rays = exec.compact_rays(wave.next_rays, num_paths, wave.rays);
     if (num_rays == 0) break;
     exec.trace_closest(wave.rays.rays, wave.hits, num_rays);
-    exec.for_each(PathStage::Shade, num_rays, EndDiscTrials{scene, wave, points, pass});
+    exec.for_each(PathStage::Shade, num_rays, EndDiscTrials{scene, wave, points, pass, k});
   }
 }
 

@@ -154,6 +154,8 @@ bool PhotonStore::fill()
     for (const Scratch &scratch : *scratches_) {
       counters_.num_rays += scratch.counters.num_photon_rays;
       counters_.trace_seconds += scratch.counters.photon_seconds;
+      counters_.emit_seconds += scratch.counters.emit_seconds;
+      counters_.scatter_seconds += scratch.counters.scatter_seconds;
     }
   }
   return true;

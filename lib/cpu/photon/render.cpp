@@ -15,14 +15,16 @@ namespace {
 
 // One thread's memory for eye paths, the film of their unit and what they gather.
 struct EyeScratch {
-  EyeScratch() : points(wave_capacity), sums(wave_capacity) {}
+  EyeScratch() : points(wave_capacity), sums(wave_capacity), blurs(wave_capacity) {}
   static constexpr uint64_t bytes()
   {
-    return WaveScratch::bytes() + uint64_t(wave_capacity) * (sizeof(VisiblePoint) + sizeof(PhotonSum));
+    return WaveScratch::bytes() +
+           uint64_t(wave_capacity) * (sizeof(VisiblePoint) + sizeof(PhotonSum) + sizeof(PhotonBlur));
   }
   WaveScratch wave;
   std::vector<VisiblePoint> points;
   std::vector<PhotonSum> sums;
+  std::vector<PhotonBlur> blurs;
 };
 
 uint64_t area(const WorkUnit &u) { return uint64_t(u.x1 - u.x0) * (u.y1 - u.y0); }
@@ -43,6 +45,12 @@ RenderCounters counters_from(const PhotonKernelCounters &kernel, uint64_t num_sa
   return c;
 }
 
+// What the pixels of a unit gathered, while further maps of the pass are to come.
+struct KeptSums {
+  std::vector<PhotonSum> sums;
+  std::vector<PhotonBlur> blurs;  // empty where they are not wanted
+};
+
 // The units of one sample index, with the photons of that pass.
 class PassRenderer {
  public:
@@ -52,14 +60,14 @@ class PassRenderer {
         scene_(scene),
         units_(std::move(units)),
         scratches_(scratches),
-        photon_pass_(make_photon_pass(pass.photon->settings, pass.photon->emission, units_[0].first_sample))
+        photon_pass_(make_photon_pass(pass.photon->settings, pass.photon->emission, units_[0].first_sample)),
+        has_blurs_(wants_blur(photon_pass_, TileFilm::has_errors(pass.outputs)))
   {}
 
   void run()
   {
     PhotonStore store(pass_, photon_pass_, scene_);
-    // Sums of the units' pixels while further maps of the pass are to come.
-    std::vector<std::vector<PhotonSum>> kept;
+    std::vector<KeptSums> kept;  // of the units
     Reservation kept_bytes;
     bool is_first = true;
     do {
@@ -67,8 +75,12 @@ class PassRenderer {
       if (is_first && !store.is_last()) {
         uint64_t num_pixels = 0;
         for (const WorkUnit &u : units_) num_pixels += area(u);
-        kept_bytes = Reservation(scene_.memory, num_pixels * sizeof(PhotonSum), "sums of photons");
-        for (const WorkUnit &u : units_) kept.emplace_back(area(u), PhotonSum{{0, 0, 0}, 0, 0});
+        const uint64_t bytes = sizeof(PhotonSum) + (has_blurs_ ? sizeof(PhotonBlur) : 0);
+        kept_bytes = Reservation(scene_.memory, num_pixels * bytes, "sums of photons");
+        for (const WorkUnit &u : units_) {
+          kept.emplace_back(std::vector<PhotonSum>(area(u), no_photons),
+                            std::vector<PhotonBlur>(has_blurs_ ? area(u) : 0, no_blur));
+        }
       }
       gather(store, kept);
       is_first = false;
@@ -81,7 +93,10 @@ class PassRenderer {
     return pass_.cancelled != nullptr && pass_.cancelled->load(std::memory_order_relaxed);
   }
 
-  void gather(PhotonStore &store, std::vector<std::vector<PhotonSum>> &kept)
+  static constexpr PhotonSum no_photons{{0, 0, 0}, 0, 0};
+  static constexpr PhotonBlur no_blur{{0, 0, 0}};
+
+  void gather(PhotonStore &store, std::vector<KeptSums> &kept)
   {
     const PhotonGrid grid = store.grid();
     std::atomic<bool> is_counted{false};
@@ -91,8 +106,8 @@ class PassRenderer {
           EyeScratch &scratch = scratches_.local();
           for (size_t k = range.begin(); k != range.end(); ++k) {
             PhotonKernelCounters counters{};
-            if (!gather_unit(units_[k], grid, store.is_last(), kept.empty() ? nullptr : kept[k].data(),
-                             scratch, counters))
+            if (!gather_unit(units_[k], grid, store.is_last(), kept.empty() ? nullptr : &kept[k], scratch,
+                             counters))
               return;
             if (!store.is_last()) continue;
             RenderCounters c = counters_from(counters, area(units_[k]));
@@ -104,12 +119,15 @@ class PassRenderer {
         tbb::simple_partitioner());
   }
 
-  bool gather_unit(const WorkUnit &unit, const PhotonGrid &grid, bool is_last, PhotonSum *kept,
+  bool gather_unit(const WorkUnit &unit, const PhotonGrid &grid, bool is_last, KeptSums *kept,
                    EyeScratch &scratch, PhotonKernelCounters &counters)
   {
     const PathWave wave = scratch.wave.wave();
     const uint32_t width = unit.x1 - unit.x0, height = unit.y1 - unit.y0;
-    if (is_last) scratch.wave.film.reset(width, height, pass_.outputs);
+    if (is_last) {
+      scratch.wave.film.reset(width, height, pass_.outputs);
+      copy_statistics(unit, scratch.wave.film);
+    }
     const FilmView film =
         is_last ? scratch.wave.film.view() : FilmView{nullptr, nullptr, nullptr, width, height};
     const uint64_t num_paths = area(unit);
@@ -117,10 +135,15 @@ class PassRenderer {
       if (is_cancelled()) return false;
       const PathUnit part{unit.x0, unit.y0, unit.x1, unit.y1, unit.first_sample, first};
       const uint32_t n = uint32_t(std::min<uint64_t>(wave_capacity, num_paths - first));
-      PhotonSum *sums = kept ? kept + first : scratch.sums.data();
-      if (!kept) std::fill_n(sums, n, PhotonSum{{0, 0, 0}, 0, 0});
+      PhotonSums sums{scratch.sums.data(), has_blurs_ ? scratch.blurs.data() : nullptr};
+      if (kept) {
+        sums = {kept->sums.data() + first, has_blurs_ ? kept->blurs.data() + first : nullptr};
+      } else {
+        std::fill_n(sums.sums, n, no_photons);
+        if (has_blurs_) std::fill_n(sums.blurs, n, no_blur);
+      }
       scene_.kernels.gather(scene_.accel, scene_.scene, pass_.settings, photon_pass_, grid, part, wave, film,
-                            scratch.points.data(), sums, n, steady_seconds, counters);
+                            pass_.statistics, scratch.points.data(), sums, n, steady_seconds, counters);
       if (is_last) {
         scene_.kernels.resolve(photon_pass_, part, wave, film, scratch.points.data(), sums, n, counters);
       }
@@ -128,11 +151,23 @@ class PassRenderer {
     return true;
   }
 
+  // A unit's film starts with what its pixels have, and ends with what they have after the pass.
+  void copy_statistics(const WorkUnit &unit, TileFilm &film) const
+  {
+    if (film.statistics.empty()) return;
+    const uint64_t width = unit.x1 - unit.x0;
+    for (uint32_t y = unit.y0; y < unit.y1; ++y) {
+      std::copy_n(pass_.statistics + uint64_t(y) * pass_.settings.camera.width + unit.x0, width,
+                  film.statistics.begin() + std::ptrdiff_t((y - unit.y0) * width));
+    }
+  }
+
   const RenderPass &pass_;
   const CpuPhotonScene &scene_;
   const std::vector<WorkUnit> units_;
   tbb::enumerable_thread_specific<EyeScratch> &scratches_;
   const PhotonPass photon_pass_;
+  const bool has_blurs_;
 };
 
 }  // namespace

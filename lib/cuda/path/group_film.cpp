@@ -27,12 +27,16 @@ GroupFilm::GroupFilm(uint64_t num_pixels, uint32_t outputs) : num_pixels_(num_pi
   one.reset(1, 1, outputs);
   has_features_ = !one.features.empty();
   has_first_hits_ = !one.first_hits.empty();
+  has_errors_ = !one.errors.empty();
+  has_statistics_ = !one.statistics.empty();
 }
 
 uint64_t GroupFilm::bytes() const
 {
-  return num_pixels_ * (sizeof(PixelSums) + (has_features_ ? sizeof(PixelFeatures) : 0) +
-                        (has_first_hits_ ? sizeof(PixelFirstHit) : 0));
+  return num_pixels_ *
+         (sizeof(PixelSums) + (has_features_ ? sizeof(PixelFeatures) : 0) +
+          (has_first_hits_ ? sizeof(PixelFirstHit) : 0) + (has_errors_ ? sizeof(PixelErrors) : 0) +
+          (has_statistics_ ? sizeof(PixelStatistics) : 0));
 }
 
 // Sizes of the arrays' elements are multiples of 8, as their alignment wants.
@@ -47,10 +51,20 @@ FilmView GroupFilm::view(std::byte *base, uint32_t width, uint32_t height) const
     film.features = reinterpret_cast<PixelFeatures *>(base);
     base += num_pixels_ * sizeof(PixelFeatures);
   }
-  if (has_first_hits_) film.first_hits = reinterpret_cast<PixelFirstHit *>(base);
+  if (has_first_hits_) {
+    film.first_hits = reinterpret_cast<PixelFirstHit *>(base);
+    base += num_pixels_ * sizeof(PixelFirstHit);
+  }
+  if (has_errors_) {
+    film.errors = reinterpret_cast<PixelErrors *>(base);
+    base += num_pixels_ * sizeof(PixelErrors);
+  }
+  if (has_statistics_) film.statistics = reinterpret_cast<PixelStatistics *>(base);
   return film;
 }
-static_assert(sizeof(PixelSums) % 8 == 0 && sizeof(PixelFeatures) % 8 == 0 && sizeof(PixelFirstHit) % 8 == 0);
+static_assert(sizeof(PixelSums) % 8 == 0 && sizeof(PixelFeatures) % 8 == 0 &&
+              sizeof(PixelFirstHit) % 8 == 0 && sizeof(PixelErrors) % 8 == 0 &&
+              sizeof(PixelStatistics) % 8 == 0);
 
 void deliver(const RenderPass &pass, const UnitGroup &group, const FilmView &film,
              const RenderCounters &counters, bool has_eye_rays)
@@ -63,6 +77,8 @@ void deliver(const RenderPass &pass, const UnitGroup &group, const FilmView &fil
     copy_rows(tile.pixels, film.pixels, unit, group.bounds);
     copy_rows(tile.features, film.features, unit, group.bounds);
     copy_rows(tile.first_hits, film.first_hits, unit, group.bounds);
+    copy_rows(tile.errors, film.errors, unit, group.bounds);
+    copy_rows(tile.statistics, film.statistics, unit, group.bounds);
     // What the group did together is counted with its first unit: only sums matter.
     RenderCounters c = i == 0 ? counters : RenderCounters{};
     c.num_samples = uint64_t(unit.x1 - unit.x0) * (unit.y1 - unit.y0) * unit.num_samples;

@@ -14,7 +14,7 @@ class GroupFilm {
 
  private:
   uint64_t num_pixels_;
-  bool has_features_, has_first_hits_;
+  bool has_features_, has_first_hits_, has_errors_, has_statistics_;
 };
 
 /// Hands the units of a finished group over, on the host's threads. `counters` are what the group did together, but for its

@@ -30,12 +30,16 @@ __global__ void __launch_bounds__(block_size)
     path = wave.queues[from].paths[i];
     const PhotonPass pass = wave.passes[slot_of(wave, path)];
     const VisiblePoint &point = wave.points[path];
+    const SampleKey key = wave.states[path].key;
+    int32_t missed = point.missed;
     goes_on = true;
     while (goes_on && num_tried < trials.per_point) {
       goes_on = !lies_on_surface(wave.scene, pass, point, wave.hits[i * trials.per_point + num_tried]);
+      if (goes_on) missed += missed_blur(key, pass.kernel, trials.first + num_tried);
       ++num_tried;
     }
     wave.points[path].inverse_area = float(trials.first + num_tried);
+    wave.points[path].missed = missed;
     goes_on = goes_on && trials.first + num_tried < max_disc_trials;
   }
   const unsigned num_tried_of_warp = __reduce_add_sync(~0u, num_tried);

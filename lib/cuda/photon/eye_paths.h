@@ -3,7 +3,7 @@
 
 #include <cuda_runtime_api.h>
 
-#include "core/photon/disc_area.h"
+#include "core/photon/estimator.h"
 #include "cuda/accel/kernels.h"
 
 namespace gpurt::cuda {
@@ -74,13 +74,15 @@ void launch_end_disc_trials(const EyeWave &wave, int from, DiscTrials trials, ui
 void launch_aim_disc_trials(const EyeWave &wave, int from, DiscTrials trials, uint32_t num_points,
                             cudaStream_t stream);
 
+/// Sets the radii of n points by the statistics of the film's pixels.
+void launch_set_photon_radii(const EyeWave &wave, uint32_t n, cudaStream_t stream);
 /// Adds what points first .. first + n - 1 gather to their sums; `grid` as PhotonStore::build returns it.
-void launch_gather_points(const EyeWave &wave, const PhotonGrid &grid, PhotonSum *sums, uint32_t first,
+void launch_gather_points(const EyeWave &wave, const PhotonGrid &grid, const PhotonSums &sums, uint32_t first,
                           uint32_t n, cudaStream_t stream);
 /// Adds a film of the same size and arrays.
 void launch_add_film(const FilmView &to, const FilmView &from, cudaStream_t stream);
 /// Adds n paths to the film.
-void launch_add_photon_samples(const EyeWave &wave, const PhotonSum *sums, uint32_t n, cudaStream_t stream);
+void launch_add_photon_samples(const EyeWave &wave, const PhotonSums &sums, uint32_t n, cudaStream_t stream);
 
 #if defined(__CUDACC__)
 /// The slot of the pass that path i belongs to.

@@ -146,7 +146,14 @@ bool EyeTracer::measure_discs(uint32_t remedies, uint32_t n)
   return true;
 }
 
-bool EyeTracer::gather(const PhotonGrid &grid, PhotonSum *sums, uint32_t n)
+void EyeTracer::set_radii(const FilmView &film, uint32_t n)
+{
+  wave_.film = film;
+  launch_set_photon_radii(wave_, n, queue_.stream);
+  queue_.mark(PhotonLap::Generate);
+}
+
+bool EyeTracer::gather(const PhotonGrid &grid, const PhotonSums &sums, uint32_t n)
 {
   if (grid.num_photons == 0) return true;
   if (gather_slice_ == 0) {
@@ -174,7 +181,7 @@ bool EyeTracer::gather(const PhotonGrid &grid, PhotonSum *sums, uint32_t n)
   return true;
 }
 
-void EyeTracer::add_samples(const PhotonSum *sums, const FilmView &film, uint32_t n)
+void EyeTracer::add_samples(const PhotonSums &sums, const FilmView &film, uint32_t n)
 {
   wave_.film = film;
   launch_add_photon_samples(wave_, sums, n, queue_.stream);

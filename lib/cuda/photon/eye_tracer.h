@@ -19,12 +19,14 @@ class EyeTracer {
   void set_passes(const PhotonPass *passes, uint32_t first_slot);
   /// Follows n paths to their visible points. `film` takes what the eye rays met; its arrays may be null. False: cancelled.
   bool trace_points(const PathSettings &settings, const EyePixels &pixels, const FilmView &film, uint32_t n);
+  /// Sets the radii of the points' gathers by the statistics of the film's pixels.
+  void set_radii(const FilmView &film, uint32_t n);
   /// Measures the discs of the points, where the passes' remedies ask for it. False: cancelled.
   bool measure_discs(uint32_t remedies, uint32_t n);
   /// Adds what the points gather to sums[n]. False: cancelled.
-  bool gather(const PhotonGrid &grid, PhotonSum *sums, uint32_t n);
+  bool gather(const PhotonGrid &grid, const PhotonSums &sums, uint32_t n);
   /// Adds the paths to the film.
-  void add_samples(const PhotonSum *sums, const FilmView &film, uint32_t n);
+  void add_samples(const PhotonSums &sums, const FilmView &film, uint32_t n);
 
   struct Counters {
     uint64_t num_camera_rays = 0, num_bounce_rays = 0, num_shadow_rays = 0, num_gathered = 0, num_visible = 0;

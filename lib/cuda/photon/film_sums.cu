@@ -1,4 +1,4 @@
-// Adds films. Their sums are exact, so the order does not matter.
+// Adds films. Their sums are exact, so the order does not matter. Statistics have an order: films with them are one's alone.
 #include "cuda/launch.h"
 #include "cuda/photon/eye_paths.h"
 
@@ -16,6 +16,7 @@ __global__ void __launch_bounds__(block_size) add_film_kernel(FilmView to, FilmV
       to.features[i].albedo[c] += from.features[i].albedo[c];
     }
   }
+  if (to.errors != nullptr) add(to.errors[i], from.errors[i]);
   if (to.first_hits != nullptr && from.first_hits[i].is_set) to.first_hits[i] = from.first_hits[i];
 }
 

@@ -10,7 +10,9 @@ namespace gpurt::cuda {
 
 /// What a stretch of photon mapping's work is for.
 enum class PhotonLap : uint32_t {
-  Photons = 0,  // emission, tracing and storing
+  Emit = 0,
+  Photons,  // tracing
+  Scatter,
   Build,
   Generate,
   Trace,

@@ -154,12 +154,17 @@ bool PhotonStore::trace()
     const uint32_t n = num_flying_ + num_new;
     if (!make_room(num_stored_ + n)) break;
     const PhotonQueue &from = queues_[from_];
-    launch_emit_photons(flight_, from, num_started_, num_flying_, num_new, numbers_, queue_.stream);
+    if (num_new != 0) {
+      launch_emit_photons(flight_, from, num_started_, num_flying_, num_new, numbers_, queue_.stream);
+      queue_.mark(PhotonLap::Emit);
+    }
     num_started_ += num_new;
     queue_.trace(from.rays, n, hits_, Coherence::Incoherent, from.left_out, trace_scratch_);
+    queue_.mark(PhotonLap::Photons);
     check(cudaMemsetAsync(&numbers_->next, 0, sizeof numbers_->next, queue_.stream), "cudaMemsetAsync");
     launch_scatter_photons(flight_, from, hits_, n, queues_[1 - from_], map_->records.data(), numbers_,
                            queue_.stream);
+    queue_.mark(PhotonLap::Scatter);
     const FlightNumbers numbers = read_numbers();
     num_flying_ = numbers.next;
     num_stored_ = numbers.stored;
@@ -167,7 +172,6 @@ bool PhotonStore::trace()
     counters.num_rays += n;
     if (is_last()) counters.num_rays -= numbers.missing;
   }
-  queue_.mark(PhotonLap::Photons);
   counters.num_stored += num_stored_;
   counters.num_sub_passes += num_slots_;
   if (is_last()) counters.num_emitted += num_emitted_;

@@ -47,16 +47,19 @@ class DeviceEmission {
 // What passes work on.
 struct Workspace {
   Workspace(PassQueue &queue, uint32_t num_flying, uint32_t num_paths, uint64_t num_pixels,
-            uint32_t num_slots, uint32_t outputs)
+            uint32_t num_slots, uint32_t outputs, bool has_blurs)
       : film(queue.memory, GroupFilm(num_pixels, outputs).bytes(), "the film of passes"),
         passes(queue.memory, num_slots, "passes of photons"),
         sums(queue.memory, num_pixels * num_slots, "sums of photons"),
+        blurs(has_blurs ? DeviceBuffer<PhotonBlur>(queue.memory, num_pixels * num_slots, "sums of photons")
+                        : DeviceBuffer<PhotonBlur>()),
         eye(queue, num_paths),
         store(queue, num_flying, num_slots)
   {}
   DeviceBuffer<std::byte> film;
   DeviceBuffer<PhotonPass> passes;
   DeviceBuffer<PhotonSum> sums;
+  DeviceBuffer<PhotonBlur> blurs;  // empty: not wanted
   EyeTracer eye;
   PhotonStore store;  // last, since it looks at what the others leave
 };
@@ -111,6 +114,8 @@ struct SamplesRenderer {
     PhotonStore &store = space.store;
     store.begin(flight, num_emitted, samples.count);
     check(cudaMemsetAsync(space.sums.data(), 0, space.sums.bytes(), queue.stream), "cudaMemsetAsync");
+    if (space.blurs.data() != nullptr)
+      check(cudaMemsetAsync(space.blurs.data(), 0, space.blurs.bytes(), queue.stream), "cudaMemsetAsync");
 
     uint64_t num_waves = 0;
     for (const Batch::Part &p : batch.parts)
@@ -176,11 +181,15 @@ struct SamplesRenderer {
     eye.set_passes(space.passes.data(), uint32_t(paths.first_sample - samples.first));
     for (uint64_t first = 0; first < paths.count; first += eye.capacity()) {
       const uint32_t n = uint32_t(std::min<uint64_t>(eye.capacity(), paths.count - first));
-      PhotonSum *sums = space.sums.data() + part.first_pixel * samples.count + first;
+      const uint64_t at = part.first_pixel * samples.count + first;
+      const PhotonSums sums{space.sums.data() + at,
+                            space.blurs.data() != nullptr ? space.blurs.data() + at : nullptr};
       const EyePixels pixels{{u.x0, u.y0, u.x1, u.y1, paths.first_sample, first}, 0};
-      if (maps.traces_paths && !(eye.trace_points(pass.settings, pixels, features, n) &&
-                                 eye.measure_discs(pass.photon->settings.remedies, n)))
-        return false;
+      if (maps.traces_paths) {
+        if (!eye.trace_points(pass.settings, pixels, features, n)) return false;
+        if (film.statistics != nullptr) eye.set_radii(film, n);
+        if (!eye.measure_discs(pass.photon->settings.remedies, n)) return false;
+      }
       if (!eye.gather(grid, sums, n)) return false;
       if (maps.is_last) eye.add_samples(sums, film, n);
     }
@@ -223,6 +232,14 @@ class PassRenderer {
     return pass_.cancelled != nullptr && pass_.cancelled->load(std::memory_order_relaxed);
   }
 
+  // Passes that go on from what the one before left in the pixels run one after another.
+  bool in_order() const { return pass_.photon->settings.estimator != PhotonEstimator::Memoryless; }
+  bool has_blurs() const
+  {
+    return TileFilm::has_errors(pass_.outputs) ||
+           pass_.photon->settings.estimator == PhotonEstimator::Adaptive;
+  }
+
   PassQueue queue_on(Lane &lane) const
   {
     return {scene_,          memory_,
@@ -234,7 +251,7 @@ class PassRenderer {
   {
     const uint64_t num_paths = std::min(largest_part_ * sizes_.num_slots, sizes_.most_paths);
     return std::make_unique<Workspace>(queue, sizes_.num_flying, uint32_t(num_paths), largest_batch_,
-                                       sizes_.num_slots, pass_.outputs);
+                                       sizes_.num_slots, pass_.outputs, has_blurs());
   }
 
   // Finds the largest workspace that memory has room for.
@@ -249,9 +266,10 @@ class PassRenderer {
     }
     const uint64_t num_photons = pass_.photon->settings.photons_per_pass;
     const uint64_t num_slots =
-        std::max<uint64_t>(std::min({photons_together / num_photons, paths_together / num_pixels,
-                                     uint64_t(most_slots), most_samples}),
-                           1);
+        in_order() ? 1
+                   : std::max<uint64_t>(std::min({photons_together / num_photons, paths_together / num_pixels,
+                                                  uint64_t(most_slots), most_samples}),
+                                        1);
     sizes_ = {uint32_t(std::clamp<uint64_t>(num_photons * num_slots, fewest_in_flight, most_in_flight)),
               most_in_flight, std::max(std::min(num_pixels, most_pixels), largest_unit), uint32_t(num_slots)};
     PassQueue queue = queue_on(*lane_);
@@ -321,7 +339,8 @@ class PassRenderer {
       }
       work.samples.push_back({sample, 1});
     }
-    run_on_lanes(lanes_, memory_->ordinal(), unsigned(std::min<uint64_t>(work.samples.size(), most_lanes)),
+    const unsigned num_lanes = unsigned(std::min<uint64_t>(work.samples.size(), in_order() ? 1 : most_lanes));
+    run_on_lanes(lanes_, memory_->ordinal(), num_lanes,
                  [&](Lane &lane, const std::atomic<bool> &stop) { render_samples(work, lane, stop); });
     if (work.is_complete && !is_cancelled()) deliver_batch(work);
   }
@@ -343,6 +362,7 @@ class PassRenderer {
     }
     const WaitAtEnd wait(queue.stream);
     check(cudaMemsetAsync(space->film.data(), 0, space->film.bytes(), queue.stream), "cudaMemsetAsync");
+    copy_statistics(work.batch, space->film.data(), queue.stream);
     RenderCounters counters;
     double seconds[uint32_t(PhotonLap::Count)] = {};
     for (size_t k; (k = work.next++) < work.samples.size();) {
@@ -355,6 +375,22 @@ class PassRenderer {
       queue.clock.collect(seconds);
     }
     add_to(work, *space, queue, take_counters(*space, seconds));
+  }
+
+  // Films start with what the pixels of the frame have.
+  void copy_statistics(const Batch &batch, std::byte *film, cudaStream_t stream) const
+  {
+    if (!(pass_.outputs & film_statistics)) return;
+    const uint64_t frame_width = pass_.settings.camera.width;
+    for (const Batch::Part &p : batch.parts) {
+      const WorkUnit &u = p.group.bounds;
+      const uint64_t row_bytes = (u.x1 - u.x0) * sizeof(PixelStatistics);
+      check(cudaMemcpy2DAsync(film_of(p, film, pass_.outputs).statistics, row_bytes,
+                              pass_.statistics + u.y0 * frame_width + u.x0,
+                              frame_width * sizeof(PixelStatistics), row_bytes, u.y1 - u.y0,
+                              cudaMemcpyHostToDevice, stream),
+            "cudaMemcpy2DAsync");
+    }
   }
 
   static RenderCounters take_counters(Workspace &space, const double (&seconds)[uint32_t(PhotonLap::Count)])
@@ -373,7 +409,9 @@ class PassRenderer {
     c.photon = space.store.counters;
     c.photon.num_gathered = eye.num_gathered;
     c.photon.num_visible = eye.num_visible;
-    c.photon.trace_seconds = of(PhotonLap::Photons);
+    c.photon.emit_seconds = of(PhotonLap::Emit);
+    c.photon.scatter_seconds = of(PhotonLap::Scatter);
+    c.photon.trace_seconds = of(PhotonLap::Photons) + c.photon.emit_seconds + c.photon.scatter_seconds;
     c.photon.build_seconds = of(PhotonLap::Build);
     c.photon.gather_seconds = of(PhotonLap::Gather);
     return c;

@@ -13,8 +13,8 @@ import numpy as np
 from gpurt import _core
 from gpurt._arrays import Array, PathLike, as_array, shape_text, to_count, to_number, to_path, to_uint32
 from gpurt._callbacks import Callback, check_callable
-from gpurt._names import (ACCEL, OUTPUT, PHOTON_ESTIMATOR, PHOTON_KERNEL, PHOTON_REMEDY, PIPELINE, REYES_FILTER, REYES_SHADING, SCHEDULE,
-                          TRIANGLE_TEST)
+from gpurt._names import (ACCEL, OUTPUT, PHOTON_ESTIMATOR, PHOTON_KERNEL, PHOTON_REMEDY, PIPELINE, REYES_FILTER,
+                          REYES_SHADING, SCHEDULE, TRIANGLE_TEST)
 from gpurt.device import refuse_pickling
 from gpurt.errors import Cancelled, Error, InvalidArgument, Timeout
 
@@ -144,7 +144,7 @@ class Frame:
     :param width, height: pixels; 0: what the camera says, else 512.
     :param camera: of the scene, from 0.
     :param outputs: what to keep beside color, alpha and sample_count, which every frame has: depth, normal, albedo,
-        position, primitive, instance, variance.
+        position, primitive, instance, variance; of photon mapping bias and error.
     :param seed: of the random numbers.
     :param frame_index: of an animation: decorrelates the samples of different frames.
     :param first_sample: the first sample index that this frame renders; frames with other ranges can be merged.
@@ -180,7 +180,7 @@ class Frame:
 
         :param pipeline: "auto", "path", "photon", "reyes" or "hybrid".
         :param spp: until every pixel of the tiles has this many samples; 0: by error or time, else 64.
-        :param error: stop at the first whole-frame pass whose estimated relMSE is below; 0: none.
+        :param error: stop at the first whole-frame pass whose estimated relMSE, with its bias, is below; 0: none.
         :param time: seconds: stop at the last whole-frame pass that fits; 0: none.
         :param max_depth: of paths: emission seen directly is 1, direct light 2; 0: 17.
         :param tile_size: edge of the square work unit in pixels; 0: the library's choice; changes no bits.
@@ -191,9 +191,10 @@ class Frame:
             "uber"), launch ("regular", "persistent", "rounds"), fetch ("per_thread", "packets"), compaction
             ("block_scan", "pyramid", "naive_scan", "library_scan"), shading ("immediate", "sorted"), generation ("slots",
             "counted", "refilled"), ray_budget. What is left out is "auto", the library's choice.
-        :param photon: settings of the pipeline "photon", by name: photons_per_pass, initial_radius (metres), kernel
-            ("constant", "cone"), remedies (any of "normal", "plane", "side", "boundary"; () for none). What is left
-            out is the library's choice, or what the frame's samples were made with.
+        :param photon: settings of the pipeline "photon", by name: photons_per_pass, initial_radius (metres), estimator
+            ("memoryless", "per_pixel", "adaptive"), kernel ("constant", "cone"), remedies (any of "normal", "plane",
+            "side", "boundary"; () for none). What is left out is the library's choice, or what the frame's samples were
+            made with.
         :param reyes: settings of the pipeline "reyes", by name: shading_rate (the area of a micropolygon in pixels),
             filter ("box", "gaussian", "mitchell"), shading ("samples"), shadows (False: nothing stands between a
             surface and a light). As for photon.
@@ -220,8 +221,8 @@ class Frame:
         return Job(self, job, callback)
 
     def read(self, output: str = "color") -> Array:
-        """Copies an output out: float32 [h][w][3] for color, normal, albedo, position and variance, float32 [h][w]
-        for alpha and depth, uint32 [h][w] for primitive, instance and sample_count.
+        """Copies an output out: float32 [h][w][3] for color, normal, albedo, position, variance, bias and error,
+        float32 [h][w] for alpha and depth, uint32 [h][w] for primitive, instance and sample_count.
 
         Pixels without samples are 0. May be called while a job runs: whole samples are seen.
         """

@@ -88,6 +88,16 @@ class Image:
         return self["variance"]
 
     @property
+    def bias(self) -> FloatArray:
+        """float32 [h][w][3], what the blur of photon mapping adds to the colour, estimated."""
+        return self["bias"]
+
+    @property
+    def error(self) -> FloatArray:
+        """float32 [h][w][3], what blur and noise of photon mapping move the colour by at most, with 95 % confidence."""
+        return self["error"]
+
+    @property
     def width(self) -> int:
         return self.frame.width
 

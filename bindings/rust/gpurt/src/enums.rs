@@ -154,10 +154,9 @@ c_enum! {
         Auto = GPURT_PHOTON_ESTIMATOR_AUTO,
         /// A radius that depends on the pass alone: passes can be merged, and shared by devices.
         Memoryless = GPURT_PHOTON_ESTIMATOR_MEMORYLESS,
-        /// Radius, photons and flux of each pixel are kept. This version of the library does not support it.
+        /// Each pixel keeps its radius, photons and flux. With the constant kernel alone.
         PerPixel = GPURT_PHOTON_ESTIMATOR_PER_PIXEL,
-        /// A radius for each pixel by what blur and noise were there so far. This version of the library does not
-        /// support it.
+        /// A radius for each pixel, by its blur and noise so far.
         Adaptive = GPURT_PHOTON_ESTIMATOR_ADAPTIVE,
     }
 }
