@@ -228,6 +228,51 @@ TEST_P(PhotonError, StopsByNoiseAndBiasTogether)
       << gpurt_last_error();
 }
 
+// By two workers, one of which hands its part over in a file; and a frame without samples takes over what a file has.
+TEST_P(PhotonError, IsTheSameOfMergedParts)
+{
+  const Scene scene = make_furnace(device_for());
+  Work o;
+  o.width = 12;
+  o.spp = 5;
+  o.photon.photons_per_pass = 2048;
+  o.photon.initial_radius = 0.3f;
+  const Frame whole = frame_of(scene, o), first = frame_of(scene, o);
+  ASSERT_EQ(submit(whole, o), GPURT_OK);
+  Work part = o;
+  part.spp = 2;
+  ASSERT_EQ(submit(first, part), GPURT_OK);
+  part.first_sample = 2;
+  part.spp = 3;
+  const Frame second = frame_of(scene, part);
+  ASSERT_EQ(submit(second, part), GPURT_OK);
+  const std::string path = testing::TempDir() + "/photon_error.gpurt";
+  GPURT_ASSERT_OK(gpurt_frame_save(second, path.c_str()));
+  GPURT_ASSERT_OK(gpurt_frame_load_state(first, path.c_str()));
+  for (const gpurt_output output : {GPURT_OUTPUT_COLOR, GPURT_OUTPUT_BIAS, GPURT_OUTPUT_ERROR})
+    EXPECT_EQ(read(first, o, output), read(whole, o, output)) << output;
+  EXPECT_EQ(statistics(first).estimated_bias, statistics(whole).estimated_bias);
+
+  Work by_error = o;
+  by_error.outputs = 0;
+  by_error.spp = 4;
+  by_error.target_error = 1e-9f;  // so that the frame keeps what tells it
+  const Frame told = frame_of(scene, by_error), taken = frame_of(scene, by_error);
+  ASSERT_EQ(submit(told, by_error), GPURT_OK);
+  GPURT_ASSERT_OK(gpurt_frame_save(told, path.c_str()));
+  GPURT_ASSERT_OK(gpurt_frame_load_state(taken, path.c_str()));
+  EXPECT_GE(statistics(told).estimated_bias, 0);
+  EXPECT_EQ(statistics(taken).estimated_bias, statistics(told).estimated_bias);
+  // One that has samples without it does not.
+  by_error.target_error = 0;
+  by_error.first_sample = 100;
+  const Frame plain = frame_of(scene, by_error);
+  ASSERT_EQ(submit(plain, by_error), GPURT_OK);
+  EXPECT_EQ(gpurt_frame_load_state(plain, path.c_str()), GPURT_ERROR_INVALID_ARGUMENT);
+  EXPECT_NE(std::string(gpurt_last_error()).find("bias"), std::string::npos) << gpurt_last_error();
+  std::remove(path.c_str());
+}
+
 TEST_P(PhotonError, IsRefusedWhereItIsNotKnown)
 {
   const Scene scene = make_furnace(device_for());

@@ -1,4 +1,11 @@
 // What a gather sums up, what it says about its blur, and what pixels make of it.
+//
+// Mistakes that other photon mappers have made were put in by hand, once each, to see that a test fails:
+//   the cosine of arrival multiplied in again                   TakesTheFluxOfPhotonsAsItIs
+//   far-side photons counted, so that they shrink the radius    CountsPhotonsOfItsOwnSurfaceAlone
+//   two-sided surfaces black on one side                        TakesTheFluxOfPhotonsAsItIs
+//   cells counted by int(extent / r) without a bound            PhotonGrid.ClampsItsCellsWhereTheRadiusIsTiny
+//   k of k nearest photons counted in the disc of the k-th      RadiiComeFromPhotonsThatAreNotGathered
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
 
@@ -95,6 +102,36 @@ TEST(PhotonEstimator, CountsPhotonsOfItsOwnSurfaceAlone)
   const Vec3f again = gathered_radiance(pass, next, fewer);
   take_in(s, pass, next, fewer, again, vec3(0.0f), 1);
   EXPECT_NEAR((s.sums[0] + s.sums[3]) / s.radius2 / 2, double(found.x), 0.05 * double(found.x));
+}
+
+// A disc that reaches to the k-th nearest photon holds k - 1 by chance, and one by choice: its density is too large by k to
+// k - 1. The pilot that radii come from has photons of its own, so that all of those in the disc are there by chance.
+TEST(PhotonEstimator, RadiiComeFromPhotonsThatAreNotGathered)
+{
+  for (uint32_t photon = 0; photon < 100; ++photon) {
+    const SampleKey pilot = photon_key(5, 3, pilot_pass, 1000, photon);
+    for (uint64_t pass = 0; pass < 8; ++pass)
+      EXPECT_NE(photon_key(5, 3, pass, 1000, photon).seed, pilot.seed) << pass;
+  }
+}
+
+// Photons arrive with the cosine already: a slanting one is not rarer by its weight. And a sheet has two sides.
+TEST(PhotonEstimator, TakesTheFluxOfPhotonsAsItIs)
+{
+  std::vector<Photon> photons;
+  for (uint32_t i = 0; i < 40; ++i) {
+    const Vec3f normal{0, 0, i < 30 ? 1.0f : -1.0f};
+    Photon p = photon_at(0.004f * float(i % 10), 0.002f * float(i % 20), 0, normal, i);
+    p.direction = encode_direction(normalize(Vec3f{float(i % 5) - 2, 1, -0.3f * normal.z}));
+    photons.push_back(p);
+  }
+  const PhotonPass pass = pass_of(0.15f);
+  PhotonBlur none;
+  EXPECT_EQ(gather<false>(photons, pass, white_point(0.15f), none).flux[1], int64_t(30) << 32);
+  VisiblePoint below = white_point(0.15f);
+  below.geometric_normal = -below.geometric_normal;
+  below.normal_code = encode_normal(below.geometric_normal);
+  EXPECT_EQ(gather<false>(photons, pass, below, none).flux[1], int64_t(10) << 32);
 }
 
 // Of the weight's integrals over the disc, that of what is constant is 0, and that of what grows with the square of the

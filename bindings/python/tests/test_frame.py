@@ -281,6 +281,17 @@ def test_photon_mapping(box):
     assert box.render("path", width=8, height=8, spp=1).frame.statistics.photon == {}
 
 
+def test_photon_mapping_states_its_error(box):
+    frame = gpurt.Frame(box, width=16, height=16, outputs=("bias", "error"))
+    frame.submit("photon", spp=4, photon={"photons_per_pass": 4096, "estimator": "adaptive"}).wait()
+    image = frame.image()
+    assert image.bias.shape == (16, 16, 3) and np.isfinite(image.error).all() and (image.error >= 0).all()
+    assert 0 <= frame.statistics.estimated_bias <= frame.statistics.estimated_error
+    assert frame.statistics.photon["estimator"] == "adaptive"
+    with pytest.raises(gpurt.Unsupported, match="GPURT_OUTPUT_BIAS"):
+        gpurt.Frame(box, width=8, height=8, outputs="bias").submit("path", spp=1)
+
+
 def test_an_image_outlives_its_makers(device):
     image = make_box(device).render(width=8, height=8, spp=1)
     assert image.frame.scene.facts.is_committed

@@ -4,8 +4,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use gpurt::{
-    Accel, Error, Frame, FrameDesc, Job, Output, PhotonRemedy, PhotonSettings, Pipeline, RenderDesc,
-    ReyesFilter, ReyesSettings, Schedule, StateInfo, Tile, Traversal,
+    Accel, Error, Frame, FrameDesc, Job, Output, PhotonEstimator, PhotonRemedy, PhotonSettings, Pipeline,
+    RenderDesc, ReyesFilter, ReyesSettings, Schedule, StateInfo, Tile, Traversal,
 };
 
 use crate::room;
@@ -61,6 +61,7 @@ fn settings_of_photon_mapping_are_taken_and_resolved() {
     let statistics = frame.statistics().unwrap();
     let resolved = statistics.photon.unwrap();
     assert_eq!((resolved.photons_per_pass, resolved.initial_radius), (5000, 0.125));
+    assert_eq!(resolved.estimator, PhotonEstimator::Memoryless);
     assert_eq!(resolved.kernel, gpurt::PhotonKernel::Constant);
     assert_eq!(resolved.remedies, Some(vec![PhotonRemedy::Normal, PhotonRemedy::Side]));
     assert_eq!(statistics.photon_counters.num_emitted, 10_000);
