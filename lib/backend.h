@@ -165,6 +165,9 @@ struct RenderPass {
   Schedule schedule;                             // resolved; REYES: of its rays
   ReyesSchedule reyes_schedule;                  // REYES: resolved
   const std::atomic<bool> *cancelled = nullptr;  // once true, units that have not started are left out
+  /// Where several devices share a pass: the next units for this one, none once all are taken. A backend that calls it when
+  /// it runs out of units keeps its device busy; one that does not is called again. From any thread. May be null.
+  std::function<std::span<const WorkUnit>()> more;
   /// Takes the finished samples of a unit; called from any thread. A unit is delivered whole or not at all.
   std::function<void(const WorkUnit &, const TileFilm &, const RenderCounters &)> deliver;
 };

@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Compares gpurt's path tracer with Mitsuba 3's: time x error on the same scenes, threads and machine, in one run.
+"""Compares gpurt with Mitsuba 3's path tracer: time x error on the same scenes, threads and machine, in one run.
 
     mitsuba.py SCENE.glb ... --references DIR --shared DIR [--device cpu|cuda] [--threads N] [--seconds 5]
-               [--runs 3] [--json OUT]
+               [--runs 3] [--json OUT] [--pipeline path|photon]
 
 For each scene both renderers first find the number of samples that takes at least --seconds; this also warms them
 up, kernels compiled. Then they take turns, --runs times, with fresh seeds. A run's score is its seconds times its
 trimmed relMSE (without the worst 0.1 % of the pixels) against the reference: error falls as 1 / time, so the score is
-the time that an error of 1 would take, and half the score is twice the speed at equal error. Loading, building and
+the time that an error of 1 would take, and half the score is twice the speed at equal error. (Of photon mapping it falls
+more slowly, so its score holds for times about --seconds.) Loading, building and
 compiling are reported apart. The ratio is gpurt / Mitsuba, of each turn, then the median: below 1 gpurt is faster.
 
 The reference of NAME.glb and NAME_tess.glb is DIR/NAME.exr; its own noise, if references.json beside it tells it, is
@@ -74,17 +75,18 @@ class Peer:
         return statistics.median(run[key] for run in self.runs)
 
 
-def gpurt_peer(path: pathlib.Path, device: gpurt.Device, accel: str, max_depth: int, size: Tuple[int, int]) -> Peer:
+def gpurt_peer(path: pathlib.Path, device: gpurt.Device, accel: str, pipeline: str, max_depth: int,
+               size: Tuple[int, int]) -> Peer:
     start = time.perf_counter()
     scene = gpurt.load(path, device).commit(accel)
     prepare = time.perf_counter() - start
 
     def render(spp: int, seed: int) -> Tuple[float, np.ndarray]:
         start = time.perf_counter()
-        image = scene.render("path", width=size[0], height=size[1], spp=spp, seed=seed, max_depth=max_depth)
+        image = scene.render(pipeline, width=size[0], height=size[1], spp=spp, seed=seed, max_depth=max_depth)
         return time.perf_counter() - start, image.color
 
-    return Peer("gpurt", render, prepare)
+    return Peer("gpurt" if pipeline == "path" else f"gpurt {pipeline}", render, prepare)
 
 
 def mitsuba_peer(mi: Any, load_scene: Any, path: pathlib.Path, max_depth: int, size: Tuple[int, int]) -> Peer:
@@ -150,7 +152,7 @@ def compare_scene(path: pathlib.Path, peers: List[Peer], reference: np.ndarray, 
     ratios = [a["score"] / b["score"] for a, b in zip(ours.runs, theirs.runs)]
     ratio = statistics.median(ratios)
     for peer in peers:
-        print(f"{path.stem:20s} {peer.name:8s} {peer.spp:6d} spp {peer.median('seconds'):7.2f} s  relMSE "
+        print(f"{path.stem:20s} {peer.name:12s} {peer.spp:6d} spp {peer.median('seconds'):7.2f} s  relMSE "
               f"{peer.median('relmse'):.3e}  trimmed {peer.median('trimmed'):.3e}  score {peer.median('score'):.4e}",
               flush=True)
     print(f"{path.stem:20s} ratio gpurt / mitsuba {ratio:.3f} ({min(ratios):.3f} to {max(ratios):.3f})", flush=True)
@@ -169,6 +171,7 @@ def parse(arguments: Optional[List[str]]) -> argparse.Namespace:
     p.add_argument("--shared", type=pathlib.Path, required=True, help="folder with (tools/)mitsuba_scene.py")
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     p.add_argument("--accel", default="auto", help="of gpurt (default auto)")
+    p.add_argument("--pipeline", choices=("path", "photon"), default="path", help="of gpurt (default path)")
     p.add_argument("--variant", help="of Mitsuba (default: llvm_ad_rgb, else scalar_rgb; cuda_ad_rgb on a GPU)")
     p.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)), help="of both (default: all)")
     p.add_argument("--seconds", type=float, default=5.0, help="the least that a run takes (default 5)")
@@ -202,7 +205,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
         entry = json.loads(notes.read_text()).get(name, {}) if notes.exists() else {}
         noise = {k: entry[k] for k in ("relmse", "relmse_trimmed") if k in entry}
         size = (reference.shape[1], reference.shape[0])
-        peers = [gpurt_peer(path, device, options.accel, options.max_depth, size),
+        peers = [gpurt_peer(path, device, options.accel, options.pipeline, options.max_depth, size),
                  mitsuba_peer(mi, load_scene, path, options.max_depth, size)]
         rows.append(compare_scene(path, peers, reference, noise, options))
     if options.json:

@@ -7,17 +7,70 @@
 
 namespace gpurt::cuda {
 
-PinnedBuffer::~PinnedBuffer()
+namespace {
+
+// Small buffers come and go with every pass, and giving page-locked memory back waits for all that runs on the device:
+// they are kept for the next one. The last of them go with the process.
+constexpr uint64_t small_bytes = 4096;
+
+struct SmallBlocks {
+  std::mutex mutex;
+  std::vector<void *> idle;
+};
+
+SmallBlocks &small_blocks()
 {
-  if (data_ != nullptr) ignore(cudaFreeHost(data_));
+  static auto *const blocks = new SmallBlocks;
+  return *blocks;
 }
+
+void *take_small_block()
+{
+  {
+    SmallBlocks &blocks = small_blocks();
+    const std::lock_guard lock(blocks.mutex);
+    if (!blocks.idle.empty()) {
+      void *data = blocks.idle.back();
+      blocks.idle.pop_back();
+      return data;
+    }
+  }
+  void *data = nullptr;
+  check(cudaHostAlloc(&data, small_bytes, cudaHostAllocPortable), "cudaHostAlloc");  // for every device
+  return data;
+}
+
+void free_pinned(void *data, uint64_t bytes) noexcept
+{
+  if (data == nullptr) return;
+  if (bytes == small_bytes) {
+    try {
+      SmallBlocks &blocks = small_blocks();
+      const std::lock_guard lock(blocks.mutex);
+      blocks.idle.push_back(data);
+      return;
+    } catch (const std::bad_alloc &) {
+      // No room to keep it: it goes.
+    }
+  }
+  ignore(cudaFreeHost(data));
+}
+
+}  // namespace
+
+PinnedBuffer::~PinnedBuffer() { free_pinned(data_, bytes_); }
 
 void *PinnedBuffer::reserve(uint64_t bytes)
 {
   if (bytes <= bytes_) return data_;
   void *data = nullptr;
-  check(cudaMallocHost(&data, bytes), "cudaMallocHost");
-  if (data_ != nullptr) ignore(cudaFreeHost(data_));
+  if (bytes <= small_bytes) {
+    data = take_small_block();
+    bytes = small_bytes;
+  } else {
+    check(cudaMallocHost(&data, bytes), "cudaMallocHost");
+  }
+  free_pinned(data_, bytes_);
   data_ = data;
   bytes_ = bytes;
   return data_;

@@ -1,5 +1,7 @@
 // A pass on several devices: they draw its units from one queue. Film sums are exact, so it does not matter who renders
 // what.
+#include <atomic>
+
 #include "error.h"
 #include "multi/multi_scene.h"
 #include "multi/shared_work.h"
@@ -36,7 +38,7 @@ void MultiScene::render(const RenderPass &pass) const
   };
 
   const auto work = [&](size_t member) {
-    std::atomic<bool> has_delivered{false};
+    std::atomic<bool> has_begun{false};  // has delivered, or drawn more than the part that it was given
     RenderPass part;
     part.settings = pass.settings;
     part.outputs = pass.outputs;
@@ -44,18 +46,23 @@ void MultiScene::render(const RenderPass &pass) const
     part.reyes = pass.reyes;
     part.cancelled = pass.cancelled;
     part.deliver = [&](const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters) {
-      has_delivered = true;
+      has_begun = true;
       pass.deliver(unit, film, counters);
+    };
+    part.more = [&]() -> std::span<const WorkUnit> {
+      if (stop || is_cancelled()) return {};
+      has_begun = true;
+      return queue.take_more();
     };
     while (!stop && !is_cancelled()) {
       part.units = queue.take(member);
       if (part.units.empty()) return;
-      has_delivered = false;
+      has_begun = false;
       try {
         run_named(*members_, member, [&] { scenes_[member]->render(part); });
       } catch (const Error &e) {
         // Where memory is too short for two parts at a time, the device goes on with one.
-        if (e.result() == GPURT_ERROR_OUT_OF_MEMORY && !has_delivered && queue.give_back(member, part.units))
+        if (e.result() == GPURT_ERROR_OUT_OF_MEMORY && !has_begun && queue.give_back(member, part.units))
           return;
         stop = true;
         throw;

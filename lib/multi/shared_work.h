@@ -56,21 +56,16 @@ class SharedUnits {
   std::span<const WorkUnit> take(size_t member)
   {
     const std::lock_guard lock(mutex_);
-    std::span<const WorkUnit> part;
-    if (!returned_.empty()) {
-      part = returned_.back();
-      returned_.pop_back();
-    } else {
-      const uint64_t wanted = part_size(rest_, num_workers_, smallest_);
-      const size_t first = next_;
-      for (uint64_t paths = 0; next_ < units_.size() && paths < wanted; ++next_) {
-        paths += num_paths(units_[next_]);
-        rest_ -= num_paths(units_[next_]);
-      }
-      part = units_.subspan(first, next_ - first);
-    }
+    const std::span<const WorkUnit> part = next_part();
     if (part.empty()) --num_active_[member];
     return part;
+  }
+
+  /// The same for a worker that has not ended when there are none: it asks take() once more.
+  std::span<const WorkUnit> take_more()
+  {
+    const std::lock_guard lock(mutex_);
+    return next_part();
   }
 
   /// Leaves the part to others: a worker of the member has ended. False where it is the member's last: then nothing
@@ -85,6 +80,22 @@ class SharedUnits {
   }
 
  private:
+  std::span<const WorkUnit> next_part()
+  {
+    if (!returned_.empty()) {
+      const std::span<const WorkUnit> part = returned_.back();
+      returned_.pop_back();
+      return part;
+    }
+    const uint64_t wanted = part_size(rest_, num_workers_, smallest_);
+    const size_t first = next_;
+    for (uint64_t paths = 0; next_ < units_.size() && paths < wanted; ++next_) {
+      paths += num_paths(units_[next_]);
+      rest_ -= num_paths(units_[next_]);
+    }
+    return units_.subspan(first, next_ - first);
+  }
+
   static uint64_t num_paths(const WorkUnit &u)
   {
     return uint64_t(u.x1 - u.x0) * (u.y1 - u.y0) * u.num_samples;

@@ -78,6 +78,10 @@ class CountedScene : public CommittedScene {
     };
     try {
       fake.render(counted);
+      while (draws_itself && !(counted.units = pass.more()).empty()) {
+        num_drawn++;
+        fake.render(counted);
+      }
     } catch (...) {
       num_at_once--;
       throw;
@@ -86,8 +90,8 @@ class CountedScene : public CommittedScene {
   }
 
   FakeScene fake;
-  bool is_tight = false;
-  mutable std::atomic<int> num_units{0}, num_at_once{0}, num_refused{0};
+  bool is_tight = false, draws_itself = false;
+  mutable std::atomic<int> num_units{0}, num_at_once{0}, num_refused{0}, num_drawn{0};
   mutable std::atomic<uint64_t> num_rays{0};
 };
 
@@ -144,6 +148,7 @@ TEST(SharedWork, IsHandedOutOnceAndInShrinkingParts)
   EXPECT_TRUE(queue.give_back(0, part)) << "the device has another worker";
   while (!(part = queue.take(0)).empty()) num_taken += part.size();
   EXPECT_EQ(num_taken, units.size());
+  EXPECT_TRUE(queue.take_more().empty());
   EXPECT_TRUE(queue.take(1).empty());
   EXPECT_FALSE(queue.give_back(1, units)) << "the last worker has nobody to leave it to";
 }
@@ -151,6 +156,7 @@ TEST(SharedWork, IsHandedOutOnceAndInShrinkingParts)
 TEST(SeveralDevices, RenderTheBitsOfOne)
 {
   const FakeDevices one({0}), three({0, 3, 1});
+  for (const auto &scene : three.scenes) scene->draws_itself = true;
   const auto a = one.make_frame(123, 77), b = three.make_frame(123, 77);
   render(a, 24, {}, 16);
   render(b, 10, {}, 13);
@@ -158,6 +164,7 @@ TEST(SeveralDevices, RenderTheBitsOfOne)
   EXPECT_EQ(read_all(*a), read_all(*b));
   EXPECT_EQ(statistics(*a).num_samples, statistics(*b).num_samples);
   for (const auto &scene : three.scenes) EXPECT_GT(scene->num_units, 0);
+  EXPECT_GT(three.scenes[0]->num_drawn + three.scenes[1]->num_drawn + three.scenes[2]->num_drawn, 0);
 }
 
 // The slow device gets what it can do in the time of the fast one.

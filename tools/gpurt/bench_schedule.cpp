@@ -300,8 +300,9 @@ class Report {
     if (o_.json) {
       Json kernels = Json::array();
       for (const gpurt_cuda_kernel &k : m.kernels) kernels.push_back(kernel_json(k));
-      Json line = {{"schedule", s.name}, {"millions_per_second", rate}, {"seconds", m.seconds},
-                   {"x_first", factor},  {"same_bits", same},           {"counters", counters_json(m.counters)},
+      Json line = {{"schedule", s.name},   {"millions_per_second", rate},
+                   {"seconds", m.seconds}, {"x_first", factor},
+                   {"same_bits", same},    {"counters", counters_json(m.counters)},
                    {"kernels", kernels}};
       if (s.talk != 0) line["talk_x"] = s.talk;
       print(std::move(line));

@@ -1,6 +1,7 @@
 #include "cuda/path/render.h"
 
 #include <algorithm>
+#include <mutex>
 #include <optional>
 
 #include "cuda/path/group_film.h"
@@ -28,11 +29,7 @@ class PassRenderer {
   PassRenderer(const RenderPass &pass, const TraceScene &scene, const std::shared_ptr<DeviceMemory> &memory)
       : pass_(pass), scene_(scene), memory_(memory)
   {
-    uint64_t num_paths = 0;
-    for (const WorkUnit &u : pass.units) num_paths += uint64_t(u.x1 - u.x0) * (u.y1 - u.y0) * u.num_samples;
-    const uint64_t group_paths =
-        std::clamp(num_paths / (2 * max_wave_lanes), min_group_paths, max_group_paths);
-    groups_ = group_units(pass.units, group_paths, max_group_pixels);
+    groups_ = make_groups(pass.units);
     for (const UnitGroup &g : groups_) {
       most_paths_ = std::max(most_paths_, g.num_paths());
       most_film_bytes_ = std::max(most_film_bytes_, GroupFilm(g.num_pixels(), pass.outputs).bytes());
@@ -47,8 +44,7 @@ class PassRenderer {
     const std::unique_ptr<Workspace> work = allocate(lane.stream());
     if (!work) return;
     const WaitAtEnd wait(lane.stream());
-    for (size_t k; !stop && !is_cancelled() && (k = next_group_++) < groups_.size();)
-      render_group(groups_[k], *work, lane);
+    for (UnitGroup group; !stop && !is_cancelled() && take_group(group);) render_group(group, *work, lane);
   }
 
  private:
@@ -65,6 +61,28 @@ class PassRenderer {
   bool is_cancelled() const
   {
     return pass_.cancelled != nullptr && pass_.cancelled->load(std::memory_order_relaxed);
+  }
+
+  static std::vector<UnitGroup> make_groups(std::span<const WorkUnit> units)
+  {
+    uint64_t num_paths = 0;
+    for (const WorkUnit &u : units) num_paths += uint64_t(u.x1 - u.x0) * (u.y1 - u.y0) * u.num_samples;
+    const uint64_t group_paths =
+        std::clamp(num_paths / (2 * max_wave_lanes), min_group_paths, max_group_paths);
+    return group_units(units, group_paths, max_group_pixels);
+  }
+
+  // False: none is left.
+  bool take_group(UnitGroup &group)
+  {
+    const std::lock_guard lock(groups_mutex_);
+    if (next_group_ == groups_.size() && pass_.more) {
+      groups_ = make_groups(pass_.more());
+      next_group_ = 0;
+    }
+    if (next_group_ == groups_.size()) return false;
+    group = std::move(groups_[next_group_++]);
+    return true;
   }
 
   // The largest wave that memory has room for; null if there is none but another lane has one.
@@ -95,6 +113,8 @@ class PassRenderer {
     const WorkUnit &u = group.bounds;
     const uint32_t width = u.x1 - u.x0, height = u.y1 - u.y0;
     const GroupFilm layout(group.num_pixels(), pass_.outputs);
+    if (work.film.size() < layout.bytes())
+      work.film = {memory_, layout.bytes(), "the film of a group of units"};
     check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
     const FilmView film = layout.view(work.film.data(), width, height);
     WaveCounters counters;
@@ -111,7 +131,7 @@ class PassRenderer {
                     : render(*work.wave, [](auto &&...arguments) { return render_wave(arguments...); });
       if (!is_done) return;
     }
-    std::byte *host = static_cast<std::byte *>(lane.to_host.reserve(most_film_bytes_));
+    std::byte *host = static_cast<std::byte *>(lane.to_host.reserve(layout.bytes()));
     check(cudaMemcpyAsync(host, work.film.data(), layout.bytes(), cudaMemcpyDeviceToHost, lane.stream()),
           "cudaMemcpyAsync");
     lane.synchronize();
@@ -121,9 +141,10 @@ class PassRenderer {
   const RenderPass &pass_;
   const TraceScene &scene_;
   const std::shared_ptr<DeviceMemory> &memory_;
+  std::mutex groups_mutex_;
   std::vector<UnitGroup> groups_;
+  size_t next_group_ = 0;
   uint64_t most_paths_ = 0, most_film_bytes_ = 0;
-  std::atomic<size_t> next_group_{0};
   std::mutex allocation_mutex_;
   unsigned num_workspaces_ = 0;
 };
