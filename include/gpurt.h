@@ -294,14 +294,19 @@ typedef struct gpurt_material_desc {
   float base_color[3];         /* linear, in [0, 1]; zero is black */
   float roughness;             /* METAL: in (0, 1] */
   float ior;                   /* GLASS: index of refraction; 0: 1.5 */
-  float alpha;                 /* opacity that multiplies the texture's; used with alpha_cutoff alone */
-  float alpha_cutoff;          /* > 0: parts whose alpha is below it are holes; 0: opaque */
+  float alpha;                 /* multiplies the texture's alpha; used with alpha_cutoff or blends alone */
+  float alpha_cutoff;          /* > 0: parts whose alpha is below it are holes; 0: none */
   float emission[3];           /* radiance, W/(m^2 sr) up to the lights' scale; zero: not a lamp */
   uint32_t base_color_texture; /* multiplies base_color; 0: none */
   uint32_t two_sided_emission; /* 0: emits from the counter-clockwise side alone; 1: from both */
+  uint32_t blends; /* 1: alpha is opacity: of light, 1 - alpha passes straight on; wants alpha_cutoff 0 */
 } gpurt_material_desc;
 #define GPURT_MATERIAL_DESC_INIT \
-  {sizeof(gpurt_material_desc), GPURT_MATERIAL_LAMBERT, {1, 1, 1}, 1, 0, 1, 0, {0, 0, 0}, 0, 0}
+  {sizeof(gpurt_material_desc), GPURT_MATERIAL_LAMBERT, {1, 1, 1}, 1, 0, 1, 0, {0, 0, 0}, 0, 0, 0}
+
+/* A ray meets a surface of a material that blends with the probability of its opacity there, and passes it otherwise:
+   in every query and every pipeline but REYES, which blends all surfaces that a sample sees. What happens is a function of
+   the ray's origin and direction and of the triangle, on every device the same. */
 
 /** Adds a material; its id counts from 1. Errors: INVALID_ARGUMENT. */
 GPURT_API gpurt_result gpurt_scene_add_material(gpurt_scene scene, const gpurt_material_desc *desc,
@@ -510,7 +515,7 @@ typedef struct gpurt_build_desc {
   uint32_t max_depth;    /* kdtree; 0: 8 + 1.3 log2 N; at most 48 */
   float traversal_cost;  /* kdtree: cost of a step in units of a triangle test; 0: the library's choice */
   float empty_bonus;     /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
-  float patch_tolerance; /* largest distance, in metres of object space, between a patch and its triangles;
+  float patch_tolerance; /* largest distance, in metres of the world, between a patch and its triangles;
                                   0: 1e-4 of the diagonal of the patches' bounds */
   gpurt_build_quality quality;
   const char *
@@ -572,11 +577,13 @@ typedef struct gpurt_scene_facts {
   uint64_t build_peak_bytes;  /* device memory that its build held at a time, the structure included;
                                  0: it was not built on a CUDA device */
   uint32_t tree_refitted;     /* 1: a tree was refitted to vertices that have moved */
-  uint32_t reserved;          /* 0 */
+  uint32_t has_blending;      /* 1: a material blends */
+  double patch_error; /* no point of a patch of the last commit is further from its triangles, in metres of the
+                         world: proven, rounding to float left out */
 } gpurt_scene_facts;
 #define GPURT_SCENE_FACTS_INIT \
   {sizeof(gpurt_scene_facts), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}, {0}, 0, 0, 0, 0, GPURT_ACCEL_AUTO, \
-   GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}
+   GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}
 
 /** Reads counts and facts of a scene: of the description as it is now, but triangles, patches and bounds as of the
  *  last commit. Before the first commit what a commit adds is zero. */
@@ -1104,9 +1111,10 @@ typedef struct gpurt_reyes_settings {
   gpurt_reyes_filter filter;
   gpurt_reyes_shading shading;
   uint32_t no_shadows;  /* 1: nothing stands between a surface and a light */
-  uint32_t reserved[2]; /* 0 */
+  float flatness;       /* > 0: micropolygons may be larger where they stay within so many pixels of the surface */
+  uint32_t reserved[1]; /* 0 */
 } gpurt_reyes_settings;
-#define GPURT_REYES_SETTINGS_INIT {0, GPURT_REYES_FILTER_AUTO, GPURT_REYES_SHADING_AUTO, 0, {0, 0}}
+#define GPURT_REYES_SETTINGS_INIT {0, GPURT_REYES_FILTER_AUTO, GPURT_REYES_SHADING_AUTO, 0, 0, {0}}
 
 /* What REYES did; totals over all jobs of a frame. What several tiles see counts in each. */
 typedef struct gpurt_reyes_counters {

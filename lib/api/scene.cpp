@@ -74,7 +74,17 @@ std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build
   commit->device = scene.device;
   commit->accel_reason = plan.reason;
   commit->reservation = Reservation(device.memory(), own_bytes_at_least(scene.data), "the committed scene");
-  auto compiled = std::make_shared<CompiledScene>(compile_scene(scene.data, desc.patch_tolerance));
+  auto compiled = std::make_shared<CompiledScene>(
+      compile_scene(scene.data, desc.patch_tolerance, [&](uint64_t bytes, uint64_t patch_triangles) {
+        if (patch_triangles == 0) {
+          commit->reservation.resize(bytes, "the committed scene");
+          return;
+        }
+        const std::string what = fmt::format(
+            "the committed scene with the {} triangles of its patches, of which a larger patch_tolerance takes fewer",
+            patch_triangles);
+        commit->reservation.resize(bytes, what.c_str());
+      }));
   commit->reservation.resize(own_bytes(*compiled), "the committed scene");
   if (plan.options.accel == Accel::KdTree) {
     plan.options.imported.assign(scene.imported_trees.begin(), scene.imported_trees.end());
@@ -120,6 +130,7 @@ void describe(const SceneData &data, gpurt_scene_facts &facts)
   for (const Material &material : data.materials) {
     if (material.type == MaterialType::Glass) facts.has_glass = 1;
     if (material.alpha_cutoff > 0) facts.has_alpha_masks = 1;
+    if (material.blends != 0) facts.has_blending = 1;
   }
   const Box empty = empty_box();
   for (int axis = 0; axis < 3; ++axis) {
@@ -132,6 +143,7 @@ void describe(const Commit &commit, gpurt_scene_facts &facts)
 {
   const CompiledScene &compiled = *commit.compiled;
   facts.num_patches = compiled.num_patches;
+  facts.patch_error = compiled.patch_error;
   facts.num_triangles = compiled.indices.size();
   facts.num_world_triangles = num_world_triangles(compiled);
   for (const Light &light : compiled.lights)

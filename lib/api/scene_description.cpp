@@ -101,6 +101,7 @@ MaterialSettings read_material(const gpurt_material_desc &d, const SceneData &sc
   check_enum(d.type, GPURT_MATERIAL_METAL + 1, "type", "gpurt_material_type");
   if (d.two_sided_emission > 1)
     fail_invalid("two_sided_emission is {}; it must be 0 or 1", d.two_sided_emission);
+  if (d.blends > 1) fail_invalid("blends is {}; it must be 0 or 1", d.blends);
   MaterialSettings settings;
   settings.type = MaterialType(d.type);
   settings.base_color = vec3_from(d.base_color);
@@ -108,6 +109,7 @@ MaterialSettings read_material(const gpurt_material_desc &d, const SceneData &sc
   settings.ior = d.ior;
   settings.alpha = d.alpha;
   settings.alpha_cutoff = d.alpha_cutoff;
+  settings.blends = d.blends != 0;
   settings.emission = vec3_from(d.emission);
   settings.base_color_texture = texture_index(scene, d.base_color_texture, "base_color_texture");
   settings.two_sided_emission = d.two_sided_emission != 0;

@@ -135,7 +135,13 @@ class CudaScene final : public CommittedScene, public StreamTracing {
                                   device_->memory, device_->lanes);
   }
 
-  void require_reyes() const override {}
+  void require_reyes() const override
+  {
+    if (!compiled_->has_blending) return;
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "the scene has materials that blend, which GPURT_PIPELINE_REYES renders on CPU devices alone in this version; "
+         "use one, or GPURT_PIPELINE_PATH with max_depth 2 for direct light alone");
+  }
 
   ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings) const override
   {

@@ -11,12 +11,13 @@ namespace gpurt {
 inline bool operator==(const ReyesSettings &a, const ReyesSettings &b)
 {
   return a.shading_rate == b.shading_rate && a.filter == b.filter && a.shading == b.shading &&
-         a.no_shadows == b.no_shadows;
+         a.no_shadows == b.no_shadows && a.flatness == b.flatness;
 }
 
 inline gpurt_reyes_settings public_settings(const ReyesSettings &s)
 {
-  return {s.shading_rate, gpurt_reyes_filter(s.filter), gpurt_reyes_shading(s.shading), s.no_shadows, {0, 0}};
+  return {s.shading_rate, gpurt_reyes_filter(s.filter), gpurt_reyes_shading(s.shading), s.no_shadows, s.flatness,
+          {0}};
 }
 
 /// For error texts; "another pipeline" where they are all zero.
@@ -25,7 +26,7 @@ inline std::string describe(const ReyesSettings &s)
   if (s.shading_rate == 0) return "another pipeline";
   static constexpr const char *filters[] = {"auto", "box", "gaussian", "mitchell"};
   static constexpr const char *shadings[] = {"auto", "samples", "micropolygons", "blocks"};
-  return fmt::format("reyes with shading rate {}, filter {}, shading of {}, {} shadows", s.shading_rate,
+  return fmt::format("reyes with shading rate {}, flatness {}, filter {}, shading of {}, {} shadows", s.shading_rate, s.flatness,
                      filters[uint32_t(s.filter) & 3], shadings[uint32_t(s.shading) & 3],
                      s.no_shadows ? "no" : "with");
 }

@@ -51,9 +51,11 @@ struct Header {
   PhotonSettings photon;
   float reyes_shading_rate;
   uint32_t reyes_filter, reyes_shading, reyes_no_shadows;
+  float reyes_flatness;
+  uint32_t reserved;
 };
 static_assert(sizeof(PhotonCounters) == 96 && sizeof(PhotonSettings) == 20);
-static_assert(sizeof(Header) == 16 + 15 * 8 + 96 + sizeof(Camera) + 14 * 4 + 20 && sizeof(Header) % 8 == 0,
+static_assert(sizeof(Header) == 16 + 15 * 8 + 96 + sizeof(Camera) + 16 * 4 + 20 && sizeof(Header) % 8 == 0,
               "padding would be written");
 
 // Four lanes of multiply and rotate over 64-bit words. Each step is a bijection of its lane, so any damage within one
@@ -121,6 +123,7 @@ Header make_header(const FrameState &s)
   h.reyes_filter = uint32_t(s.totals.reyes.filter);
   h.reyes_shading = uint32_t(s.totals.reyes.shading);
   h.reyes_no_shadows = s.totals.reyes.no_shadows;
+  h.reyes_flatness = s.totals.reyes.flatness;
   return h;
 }
 
@@ -137,7 +140,7 @@ FrameState state_from(const Header &h)
   s.totals.pipeline = gpurt_pipeline(h.pipeline);
   s.totals.max_depth = h.max_depth;
   s.totals.reyes = {h.reyes_shading_rate, ReyesFilter(h.reyes_filter), ReyesShading(h.reyes_shading),
-                    h.reyes_no_shadows};
+                    h.reyes_no_shadows, h.reyes_flatness};
   RenderCounters &c = s.totals.counters;
   c.num_samples = h.num_samples;
   c.num_camera_rays = h.num_camera_rays;

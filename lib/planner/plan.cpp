@@ -109,6 +109,9 @@ void check_reyes(const gpurt_render_desc &d)
   if (uint32_t(r.shading) > GPURT_REYES_SHADING_BLOCKS)
     fail_invalid("reyes.shading is {}; it must be a value of gpurt_reyes_shading", uint32_t(r.shading));
   if (r.no_shadows > 1) fail_invalid("reyes.no_shadows is {}; it must be 0 or 1", r.no_shadows);
+  if (!(r.flatness >= 0 && r.flatness <= 16))
+    fail_invalid("reyes.flatness is {}; it must lie in [0, 16] pixels", r.flatness);
+  if (r.flatness > 0) fail(GPURT_ERROR_UNSUPPORTED, "reyes.flatness is not supported by this version; set it to 0");
   for (const uint32_t reserved : r.reserved)
     if (reserved != 0) fail_invalid("reyes.reserved is {}; it must be 0", reserved);
 }
@@ -123,6 +126,7 @@ void refuse_reyes_settings(const gpurt_reyes_settings &r)
   if (r.filter != 0) refuse("filter", uint32_t(r.filter));
   if (r.shading != 0) refuse("shading", uint32_t(r.shading));
   if (r.no_shadows != 0) refuse("no_shadows", r.no_shadows);
+  if (!(r.flatness == 0)) refuse("flatness", r.flatness);
   for (const uint32_t reserved : r.reserved)
     if (reserved != 0) refuse("reserved", reserved);
 }

@@ -89,6 +89,43 @@ Vec3d transform_normal(const AffineDouble &inverse, Vec3d n)
           inverse[2] * n.x + inverse[6] * n.y + inverse[10] * n.z};
 }
 
+double largest_stretch(const AffineDouble &t)
+{
+  double scale = 0;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) scale = std::fmax(scale, std::fabs(t[4 * i + j]));
+  if (scale == 0) return 0;
+  double s[3][3];  // of the transpose times the map: its largest eigenvalue is the square
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      s[i][j] = 0;
+      for (int k = 0; k < 3; ++k) s[i][j] += t[4 * k + i] / scale * (t[4 * k + j] / scale);
+    }
+  }
+  // Jacobi's rotations. Source: Golub and Van Loan 2013, Section 8.5. Four sweeps leave nothing beside the diagonal.
+  for (int sweep = 0; sweep < 6; ++sweep) {
+    for (int p = 0; p < 2; ++p) {
+      for (int q = p + 1; q < 3; ++q) {
+        if (s[p][q] == 0) continue;
+        const double theta = (s[q][q] - s[p][p]) / (2 * s[p][q]);
+        const double tangent = (theta < 0 ? -1 : 1) / (std::fabs(theta) + std::sqrt(theta * theta + 1));
+        const double c = 1 / std::sqrt(tangent * tangent + 1), d = tangent * c;
+        for (int k = 0; k < 3; ++k) {
+          const double a = s[k][p], b = s[k][q];
+          s[k][p] = c * a - d * b;
+          s[k][q] = d * a + c * b;
+        }
+        for (int k = 0; k < 3; ++k) {
+          const double a = s[p][k], b = s[q][k];
+          s[p][k] = c * a - d * b;
+          s[q][k] = d * a + c * b;
+        }
+      }
+    }
+  }
+  return scale * std::sqrt(std::fmax(s[0][0], std::fmax(s[1][1], s[2][2]))) * (1 + 0x1p-45);
+}
+
 Box transform_box(const AffineDouble &t, const Box &box)
 {
   Box result = empty_box();

@@ -65,6 +65,9 @@ AffineDouble inverse(const AffineDouble &t);
 /// Where normals go: the inverse transpose. Hand in the inverse.
 Vec3d transform_normal(const AffineDouble &inverse, Vec3d n);
 
+/// The factor by which the linear part makes vectors longer at most: its largest singular value, rounded up.
+double largest_stretch(const AffineDouble &t);
+
 /// A float box around the image of a box, rounding included.
 Box transform_box(const AffineDouble &t, const Box &box);
 

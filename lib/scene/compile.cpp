@@ -25,7 +25,9 @@ struct Plan {
 
 class Compiler {
  public:
-  Compiler(const SceneData &scene, float patch_tolerance) : in_(scene), patch_tolerance_(patch_tolerance) {}
+  Compiler(const SceneData &scene, float patch_tolerance, const BeforeAllocation &before_allocation)
+      : in_(scene), patch_tolerance_(patch_tolerance), before_allocation_(before_allocation)
+  {}
 
   CompiledScene run()
   {
@@ -72,13 +74,30 @@ class Compiler {
     return plans;
   }
 
+  // How much larger the placements of a geometry make it.
+  double stretch_of(const Plan &p) const
+  {
+    if (p.instance != invalid_id) return largest_stretch(in_.instances[p.instance].transform_double);
+    double stretch = 0;
+    for (const InstanceData &instance : in_.instances) {
+      if (instance.geometry == p.geometry)
+        stretch = std::max(stretch, largest_stretch(instance.transform_double));
+    }
+    return stretch;
+  }
+
   // Fixes the place of every segment in the arrays.
   void allocate(const std::vector<Plan> &plans)
   {
-    uint64_t vertices = 0, triangles = 0, normals = 0, uvs = 0;
+    uint64_t vertices = 0, triangles = 0, normals = 0, uvs = 0, patch_triangles = 0;
     for (const Plan &p : plans) {
       const GeometryData &geometry = in_.geometries[p.geometry];
-      const uint32_t rate = geometry.kind == GeometryKind::Patches ? patch_rate(p.geometry) : 1;
+      uint32_t rate = 1;
+      if (geometry.kind == GeometryKind::Patches) {
+        const double stretch = stretch_of(p);
+        rate = patch_rate(p.geometry, stretch);
+        out_.patch_error = std::max(out_.patch_error, tessellation_error(geometry.patches, rate) * stretch);
+      }
       auto source = make_source(geometry, rate);
       Segment s{};
       s.first_triangle = uint32_t(triangles);
@@ -103,12 +122,20 @@ class Compiler {
             p.geometry);
       }
       out_.segments.push_back(s);
-      out_.has_alpha_masks |= in_.materials[s.material].alpha_cutoff > 0;
+      const Material &material = in_.materials[s.material];
+      out_.has_blending |= material.blends != 0;
+      out_.has_alpha_masks |= material.alpha_cutoff > 0 || material.blends != 0;
       const uint64_t num_patches =
           geometry.kind == GeometryKind::Patches ? geometry.patches.control_points.size() / 16 : 0;
       out_.patch_ranges.push_back({uint32_t(out_.num_patches), uint32_t(num_patches), rate, 0});
       out_.num_patches += num_patches;
+      if (num_patches != 0) patch_triangles += s.num_triangles;
       sources_.push_back(std::move(source));
+    }
+    if (before_allocation_) {
+      before_allocation_((vertices + normals + 16 * out_.num_patches) * sizeof(Vec3f) + uvs * sizeof(Vec2f) +
+                             triangles * (sizeof(UInt3) + sizeof(uint32_t)),
+                         patch_triangles);
     }
     out_.positions.resize(vertices);
     out_.indices.resize(triangles);
@@ -118,10 +145,10 @@ class Compiler {
     out_.control_points.resize(16 * out_.num_patches);
   }
 
-  uint32_t patch_rate(uint32_t geometry) const
+  uint32_t patch_rate(uint32_t geometry, double stretch) const
   {
     try {
-      return tessellation_rate(in_.geometries[geometry].patches, patch_tolerance_);
+      return tessellation_rate(in_.geometries[geometry].patches, patch_tolerance_, stretch);
     } catch (const Error &e) {
       fail(e.result(), "geometry {}: {}", geometry, e.what());
     }
@@ -289,6 +316,7 @@ class Compiler {
 
   const SceneData &in_;
   const float patch_tolerance_;
+  const BeforeAllocation &before_allocation_;
   CompiledScene out_;
   std::vector<std::unique_ptr<GeometrySource>> sources_;
   size_t num_baked_ = 0;  // segments of group 0
@@ -296,13 +324,14 @@ class Compiler {
 
 }  // namespace
 
-CompiledScene compile_scene(const SceneData &scene, float patch_tolerance)
+CompiledScene compile_scene(const SceneData &scene, float patch_tolerance,
+                            const BeforeAllocation &before_allocation)
 {
   if (!(patch_tolerance >= 0) || !std::isfinite(patch_tolerance)) {
     fail_invalid("patch_tolerance is {}; it must be a finite number of metres, or 0 for the default",
                  patch_tolerance);
   }
-  return Compiler(scene, patch_tolerance).run();
+  return Compiler(scene, patch_tolerance, before_allocation).run();
 }
 
 SceneView CompiledScene::view() const
@@ -332,6 +361,7 @@ SceneView CompiledScene::view() const
   v.num_tree_lights = num_tree_lights;
   v.num_distant_lights = num_distant_lights;
   v.has_alpha_masks = has_alpha_masks ? 1 : 0;
+  v.has_blending = has_blending ? 1 : 0;
   return v;
 }
 

@@ -1,6 +1,7 @@
 // The committed scene in host memory, in the layout of SceneView. Backends build accelerators from it and upload it.
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "core/reyes/reyes_scene.h"
@@ -49,7 +50,9 @@ struct CompiledScene {
   Box bounds;
   uint32_t num_tree_lights = 0;
   uint32_t num_distant_lights = 0;
-  bool has_alpha_masks = false;
+  bool has_alpha_masks = false;  // or materials that blend
+  bool has_blending = false;
+  double patch_error = 0;  // bound on the distance of patches and their triangles, in metres of the world
   uint64_t num_patches = 0;
   uint64_t hash = 0;  // of everything that decides an image: identifies the scene of a film or a tree cache
 
@@ -59,9 +62,13 @@ struct CompiledScene {
   uint64_t bytes() const;
 };
 
-/// Turns a description into arrays: tessellates patches to `patch_tolerance` (0: 1e-4 of their diagonal), bakes
+/// Told how large the arrays will be before they are allocated, and how many triangles of them patches take; may throw.
+using BeforeAllocation = std::function<void(uint64_t bytes, uint64_t patch_triangles)>;
+
+/// Turns a description into arrays: tessellates patches to `patch_tolerance` metres (0: 1e-4 of their diagonal), bakes
 /// geometries placed once into world space, collects lights and builds the light tree and the environment's table.
 /// Transforms are applied in double precision and rounded once.
-CompiledScene compile_scene(const SceneData &scene, float patch_tolerance);
+CompiledScene compile_scene(const SceneData &scene, float patch_tolerance,
+                            const BeforeAllocation &before_allocation = {});
 
 }  // namespace gpurt

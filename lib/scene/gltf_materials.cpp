@@ -157,7 +157,8 @@ GltfLoadedMaterial GltfMaterials::convert(const tinygltf::Material &material, co
     settings.alpha = float(pbr.baseColorFactor[3]);
     settings.alpha_cutoff = float(material.alphaCutoff);
   } else if (material.alphaMode == "BLEND") {
-    losses.add("blending (taken as opaque)");
+    settings.alpha = float(pbr.baseColorFactor[3]);
+    settings.blends = true;
   }
 
   if (material.normalTexture.index >= 0) losses.add("normal map");

@@ -92,14 +92,35 @@ Vec3d unit_normal(const ControlNet &net, double u, double v)
 
 }  // namespace
 
+namespace {
+
+// Of all patches.
+double curvature_bound(const PatchData &patches)
+{
+  return tbb::parallel_reduce(
+      tbb::blocked_range<uint64_t>(0, patches.control_points.size() / 16, 64), 0.0,
+      [&](const tbb::blocked_range<uint64_t> &r, double m) {
+        for (uint64_t i = r.begin(); i != r.end(); ++i) m = std::max(m, curvature_bound(load(patches, i)));
+        return m;
+      },
+      [](double a, double b) { return std::max(a, b); });
+}
+
+}  // namespace
+
 // The distance of a surface from the triangles between its samples at steps of 1/n is at most
 // (|Suu| + 2 |Suv| + |Svv|) / (8 n^2).
 // Source: Filip, Magedson and Markot 1986, surface algorithms using bounds on derivatives.
-uint32_t tessellation_rate(const PatchData &patches, float tolerance)
+double tessellation_error(const PatchData &patches, uint32_t rate)
+{
+  return curvature_bound(patches) / (8 * double(rate) * double(rate));
+}
+
+uint32_t tessellation_rate(const PatchData &patches, float tolerance, double stretch)
 {
   const uint64_t num_patches = patches.control_points.size() / 16;
   if (num_patches == 0) return 1;
-  double limit = tolerance;
+  double limit = tolerance / stretch;
   if (tolerance == 0) {
     const Box b = union_of_boxes(patches.control_points.size(), [&](uint64_t i) {
       const Vec3f p = patches.control_points[i];
@@ -108,13 +129,7 @@ uint32_t tessellation_rate(const PatchData &patches, float tolerance)
     limit = 1e-4 * length(to_double(b.hi) - to_double(b.lo));
     if (limit == 0) return 1;  // all points are one
   }
-  const double bound = tbb::parallel_reduce(
-      tbb::blocked_range<uint64_t>(0, num_patches, 64), 0.0,
-      [&](const tbb::blocked_range<uint64_t> &r, double m) {
-        for (uint64_t i = r.begin(); i != r.end(); ++i) m = std::max(m, curvature_bound(load(patches, i)));
-        return m;
-      },
-      [](double a, double b) { return std::max(a, b); });
+  const double bound = curvature_bound(patches);
   const double rate = std::max(1.0, std::ceil(std::sqrt(bound / (8 * limit))));
   const double num_triangles = 2 * rate * rate * double(num_patches);
   if (!(num_triangles <= double(max_triangles))) {
@@ -122,7 +137,7 @@ uint32_t tessellation_rate(const PatchData &patches, float tolerance)
     fail_invalid(
         "a patch tolerance of {:.3g} takes {:.3g} triangles for {} patches, more than 2^28; raise "
         "patch_tolerance to {:.3g}",
-        limit, num_triangles, num_patches, coarsest * 1.1);
+        limit * stretch, num_triangles, num_patches, coarsest * 1.1 * stretch);
   }
   return uint32_t(rate);
 }

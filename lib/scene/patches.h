@@ -13,10 +13,13 @@
 
 namespace gpurt {
 
-/// The rate at which no point of the patches is further than `tolerance` from its triangles, in object space.
-/// `tolerance` 0 means 1e-4 of the diagonal of the control points' bounds. Throws INVALID_ARGUMENT naming the tolerance
-/// where that takes more than 2^28 triangles.
-uint32_t tessellation_rate(const PatchData &patches, float tolerance);
+/// The rate at which no point of the patches is further than `tolerance` from its triangles, once placements have made
+/// distances `stretch` times as large. `tolerance` 0 means 1e-4 of the diagonal of the control points' bounds. Throws
+/// INVALID_ARGUMENT naming the tolerance where that takes more than 2^28 triangles.
+uint32_t tessellation_rate(const PatchData &patches, float tolerance, double stretch = 1);
+
+/// No point of the patches is further than this from its triangles, in object space.
+double tessellation_error(const PatchData &patches, uint32_t rate);
 
 /// The mesh of `patches` at `rate`; values are computed when they are asked for.
 class TessellatedPatches {

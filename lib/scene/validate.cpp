@@ -128,12 +128,16 @@ uint32_t add_material(SceneData &scene, const MaterialSettings &settings)
   if (!(settings.alpha_cutoff >= 0) || !is_finite(settings.alpha_cutoff)) {
     fail_invalid("alpha_cutoff is {}; it must be finite and not negative", settings.alpha_cutoff);
   }
+  if (settings.blends && settings.alpha_cutoff > 0) {
+    fail_invalid("the material blends, and alpha_cutoff is {}; set it to 0, or blends to 0", settings.alpha_cutoff);
+  }
   check_radiance(settings.emission, "emission");
   Material m = default_material();
   m.type = settings.type;
   m.base_color = settings.base_color;
   m.alpha = settings.alpha;
   m.alpha_cutoff = settings.alpha_cutoff;
+  m.blends = settings.blends ? 1 : 0;
   m.emission = settings.emission;
   m.base_color_texture = settings.base_color_texture;
   m.two_sided_emission = settings.two_sided_emission ? 1 : 0;

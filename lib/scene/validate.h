@@ -17,7 +17,8 @@ struct MaterialSettings {
   float roughness = 1;                       // Metal: in (0, 1]
   float ior = 0;                             // Glass: 0 is 1.5
   float alpha = 1;                           // in [0, 1]
-  float alpha_cutoff = 0;                    // 0: opaque
+  float alpha_cutoff = 0;                    // 0: no holes
+  bool blends = false;                       // alpha is opacity; alpha_cutoff 0
   Vec3f emission{0, 0, 0};                   // radiance, not negative
   uint32_t base_color_texture = invalid_id;  // index into SceneData::textures
   bool two_sided_emission = false;

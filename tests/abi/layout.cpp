@@ -64,7 +64,7 @@ FIELD(gpurt_texture_desc, filter, 24);
 FIELD(gpurt_texture_desc, reserved, 28);
 FIELD(gpurt_texture_desc, texels, 32);
 
-SIZE(gpurt_material_desc, 56);
+SIZE(gpurt_material_desc, 60);
 FIELD(gpurt_material_desc, struct_size, 0);
 FIELD(gpurt_material_desc, type, 4);
 FIELD(gpurt_material_desc, base_color, 8);
@@ -75,6 +75,7 @@ FIELD(gpurt_material_desc, alpha_cutoff, 32);
 FIELD(gpurt_material_desc, emission, 36);
 FIELD(gpurt_material_desc, base_color_texture, 48);
 FIELD(gpurt_material_desc, two_sided_emission, 52);
+FIELD(gpurt_material_desc, blends, 56);
 
 SIZE(gpurt_mesh_desc, 168);
 FIELD(gpurt_mesh_desc, struct_size, 0);
@@ -140,7 +141,7 @@ FIELD(gpurt_build_desc, patch_tolerance, 24);
 FIELD(gpurt_build_desc, quality, 28);
 FIELD(gpurt_build_desc, tree_cache_path, 32);
 
-SIZE(gpurt_scene_facts, 192);
+SIZE(gpurt_scene_facts, 200);
 FIELD(gpurt_scene_facts, struct_size, 0);
 FIELD(gpurt_scene_facts, num_geometries, 4);
 FIELD(gpurt_scene_facts, num_instances, 8);
@@ -172,7 +173,8 @@ FIELD(gpurt_scene_facts, sah_cost, 160);
 FIELD(gpurt_scene_facts, accel_build_seconds, 168);
 FIELD(gpurt_scene_facts, build_peak_bytes, 176);
 FIELD(gpurt_scene_facts, tree_refitted, 184);
-FIELD(gpurt_scene_facts, reserved, 188);
+FIELD(gpurt_scene_facts, has_blending, 188);
+FIELD(gpurt_scene_facts, patch_error, 192);
 
 SIZE(gpurt_kdtree_node, 8);
 FIELD(gpurt_kdtree_node, word, 0);
@@ -305,7 +307,8 @@ FIELD(gpurt_reyes_settings, shading_rate, 0);
 FIELD(gpurt_reyes_settings, filter, 4);
 FIELD(gpurt_reyes_settings, shading, 8);
 FIELD(gpurt_reyes_settings, no_shadows, 12);
-FIELD(gpurt_reyes_settings, reserved, 16);
+FIELD(gpurt_reyes_settings, flatness, 16);
+FIELD(gpurt_reyes_settings, reserved, 20);
 
 SIZE(gpurt_reyes_counters, 160);
 FIELD(gpurt_reyes_counters, num_patches, 0);

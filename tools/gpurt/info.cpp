@@ -58,6 +58,7 @@ void print_facts(const std::string &path, const gpurt_scene_facts &f, bool with_
                              yes(f.has_environment)));
   line("glass", yes(f.has_glass));
   line("alpha masks", yes(f.has_alpha_masks));
+  line("blending", yes(f.has_blending));
   line("cameras", fmt::format("{}", f.num_cameras));
   if (f.bounds_min[0] <= f.bounds_max[0]) {
     line("bounds",
@@ -142,7 +143,7 @@ void add_info_command(CLI::App &program)
   command->add_flag("--json", o->json, "print JSON");
   o->device.add_to(*command);
   o->build_options.add_to(*command);
-  for (const char *option : {"--device", "--accel", "--triangle-test", "--tree-cache"})
+  for (const char *option : {"--device", "--accel", "--triangle-test", "--patch-tolerance", "--tree-cache"})
     command->get_option(option)->needs(build);
   command->callback([o] { print_info(*o); });
 }

@@ -234,6 +234,10 @@ void BuildOptions::add_to(CLI::App &command)
       ->type_name("NAME")
       ->capture_default_str();
   command
+      .add_option("--patch-tolerance", patch_tolerance,
+                  "largest distance of patches and the triangles that rays meet; 0: 1e-4 of the patches' diagonal")
+      ->type_name("METRES");
+  command
       .add_option("--tree-cache", tree_cache,
                   "read the kd-tree from this file if it fits the scene, else write it")
       ->type_name("FILE");
@@ -245,6 +249,7 @@ gpurt_build_desc BuildOptions::desc() const
   desc.accel = gpurt_accel(value_in(accels, accel, "--accel"));
   desc.triangle_test = gpurt_triangle_test(value_in(tests, triangle_test, "--triangle-test"));
   desc.quality = gpurt_build_quality(value_in(qualities, quality, "--build-quality"));
+  desc.patch_tolerance = patch_tolerance;
   if (!tree_cache.empty()) desc.tree_cache_path = tree_cache.c_str();
   return desc;
 }

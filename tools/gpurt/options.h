@@ -37,6 +37,7 @@ struct BuildOptions {
   std::string accel = "auto";
   std::string triangle_test = "watertight";
   std::string quality = "auto";
+  float patch_tolerance = 0;
   std::string tree_cache;
 
   void add_to(CLI::App &command);

@@ -21,6 +21,7 @@ struct RenderOptions {
   std::string pipeline = "auto", filter = "box", shading = "samples";
   float shading_rate = 0;
   bool no_shadows = false;
+  float flatness = 0;
   uint32_t width = 0, height = 0, camera = 0, samples = 0, tile = 0, max_depth = 0, frame_index = 0;
   float error = 0;
   double time = 0;
@@ -180,6 +181,7 @@ void run(RenderOptions o, const CLI::App &command)
       render.reyes.shading =
           gpurt_reyes_shading(index_of(o.shading, {"auto", "samples", "micropolygons", "blocks"}));
     render.reyes.no_shadows = o.no_shadows ? 1 : 0;
+    render.reyes.flatness = o.flatness;
   }
   Job job;
   check(gpurt_frame_submit(frame, &render, nullptr, 0, job.out()));
@@ -265,6 +267,9 @@ void add_render_command(CLI::App &program)
       ->check(CLI::IsMember({"samples", "micropolygons", "blocks"}))
       ->type_name("NAME")
       ->capture_default_str();
+  command->add_option("--flatness", o->flatness,
+                      "reyes: micropolygons may be larger where they stay within PIXELS of the surface; 0: none are")
+      ->type_name("PIXELS");
   command->add_flag("--no-shadows", o->no_shadows, "reyes: nothing stands between surfaces and lights");
   command->add_option("--seed", o->seed, "another seed gives independent noise")->capture_default_str();
   command

@@ -58,7 +58,9 @@ Json to_json(const gpurt_scene_facts &f)
                {"emissive_triangles", f.num_emissive_triangles},
                {"has_environment", f.has_environment != 0},
                {"has_glass", f.has_glass != 0},
-               {"has_alpha_masks", f.has_alpha_masks != 0}};
+               {"has_alpha_masks", f.has_alpha_masks != 0},
+               {"has_blending", f.has_blending != 0},
+               {"patch_error", f.patch_error}};
   if (f.bounds_min[0] <= f.bounds_max[0]) {
     json["bounds_min"] = f.bounds_min;
     json["bounds_max"] = f.bounds_max;
@@ -127,6 +129,7 @@ Json to_json(const gpurt_reyes_settings &s, const gpurt_reyes_counters &c)
           {"filter", name(s.filter, {"auto", "box", "gaussian", "mitchell"})},
           {"shading", name(s.shading, {"auto", "samples", "micropolygons", "blocks"})},
           {"shadows", s.no_shadows == 0},
+          {"flatness", s.flatness},
           {"num_patches", c.num_patches},
           {"num_triangles", c.num_triangles},
           {"num_splits", c.num_splits},

@@ -52,6 +52,13 @@ GPURT_INLINE bool enter_placement(PlacementMailbox &mailbox, uint32_t placement)
   return true;
 }
 
+// ray_key where a visitor wants it.
+template <bool Masks>
+GPURT_INLINE uint64_t pass_key(const TraceRay &ray)
+{
+  return Masks ? ray_key(ray) : 0;
+}
+
 // Keeps the nearest hit; of several at the same t that with the smaller (instance, primitive).
 template <bool Masks>
 struct ClosestVisitor {
@@ -59,12 +66,13 @@ struct ClosestVisitor {
   const SceneView *scene;
   float limit;  // largest t of interest
   Hit best;
+  uint64_t key;  // of the ray, see pass_key
 
   GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
   {
     const Hit hit = {h.t, h.u, h.v, triangle, placement};
     if (best.triangle != invalid_id && h.t == best.t && !ids_precede(*scene, hit, best)) return false;
-    if (Masks && is_hole(*scene, triangle, h.u, h.v)) return false;
+    if (Masks && lets_pass(*scene, key, triangle, placement, h.u, h.v)) return false;
     best = hit;
     limit = h.t;
     return false;
@@ -77,10 +85,11 @@ struct AnyVisitor {
   const SceneView *scene;
   float limit;
   bool found;
+  uint64_t key;
 
-  GPURT_HD bool operator()(uint32_t triangle, uint32_t, const TriangleHit &h)
+  GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
   {
-    if (Masks && is_hole(*scene, triangle, h.u, h.v)) return false;
+    if (Masks && lets_pass(*scene, key, triangle, placement, h.u, h.v)) return false;
     return found = true;
   }
 };
@@ -92,10 +101,11 @@ struct AllVisitor {
   const SceneView *scene;
   float limit;
   Sink &sink;
+  uint64_t key;
 
   GPURT_HD bool operator()(uint32_t triangle, uint32_t placement, const TriangleHit &h)
   {
-    if (Masks && is_hole(*scene, triangle, h.u, h.v)) return false;
+    if (Masks && lets_pass(*scene, key, triangle, placement, h.u, h.v)) return false;
     sink(Hit{h.t, h.u, h.v, triangle, placement});
     return false;
   }
@@ -164,7 +174,7 @@ GPURT_HD inline Hit trace_closest(const Accel &accel, const SceneView &scene, co
   const Hit miss = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
   TraceRay r;
   if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return miss;
-  ClosestVisitor<Masks> visitor{&scene, r.tmax, miss};
+  ClosestVisitor<Masks> visitor{&scene, r.tmax, miss, pass_key<Masks>(r)};
   trace_ray<Test, EdgeRule::Inclusive, Placements>(accel, scene, r, visitor);
   if (visitor.best.triangle != invalid_id) visitor.best.t = caller_t(r, visitor.best.t);
   return visitor.best;
@@ -175,7 +185,7 @@ GPURT_HD inline bool trace_any(const Accel &accel, const SceneView &scene, const
 {
   TraceRay r;
   if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return false;
-  AnyVisitor<Masks> visitor{&scene, r.tmax, false};
+  AnyVisitor<Masks> visitor{&scene, r.tmax, false, pass_key<Masks>(r)};
   trace_ray<Test, EdgeRule::Inclusive, Placements>(accel, scene, r, visitor);
   return visitor.found;
 }
@@ -190,7 +200,7 @@ GPURT_HD inline void trace_all(const Accel &accel, const SceneView &scene, const
     hit.t = caller_t(r, hit.t);
     sink(hit);
   };
-  AllVisitor<Masks, decltype(rescaled)> visitor{&scene, r.tmax, rescaled};
+  AllVisitor<Masks, decltype(rescaled)> visitor{&scene, r.tmax, rescaled, pass_key<Masks>(r)};
   trace_ray<Test, EdgeRule::HalfOpen, Placements>(accel, scene, r, visitor);
 }
 

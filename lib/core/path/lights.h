@@ -73,6 +73,14 @@ GPURT_INLINE void light_triangle(const SceneView &scene, const Light &light, Vec
   }
 }
 
+// Opacity of a lamp at the point with the given weights of light_triangle's second and third corner.
+GPURT_INLINE float lamp_opacity(const SceneView &scene, const Light &light, Vec2f uv)
+{
+  if (!scene.has_alpha_masks) return 1.0f;
+  const bool flips = light.placement != invalid_id && scene.placements[light.placement].flips != 0;
+  return opacity_at(scene, light.triangle, flips ? uv.y : uv.x, flips ? uv.x : uv.y);
+}
+
 GPURT_INLINE float spot_falloff(const Light &light, Vec3f to_surface)
 {
   // Source: glTF extension KHR_lights_punctual, with its floor of 0.001 on the cone's width.
@@ -113,7 +121,7 @@ GPURT_HD inline bool sample_light(const SceneView &scene, Vec3f p, Vec3f n, floa
       if (light.two_sided) cos_light = abs(cos_light);
       if (!(cos_light > 0.0f) || !(twice_area > 0.0f) || !(distance2 > 0.0f)) return false;
       s.pdf = probability * distance2 / (0.5f * twice_area * cos_light);
-      s.radiance = light.color;
+      s.radiance = light.color * lamp_opacity(scene, light, uv);
       s.triangle = light.triangle;
       // End in front of the lamp by its rounding error and that of a distance measured along the ray, in float, so that
       // the lamp does not shadow itself.

@@ -110,11 +110,14 @@ GPURT_INLINE Ray ray_through_scene(const EmissionView &emission, Vec3f direction
 
 // A photon of a lamp: uniform in area, cosine-weighted in direction, which is radiance times cosine.
 GPURT_INLINE bool emit_from_triangle(const SceneView &scene, const Light &light, float side, Vec2f u_position,
-                                     Vec2f u_direction, Ray &ray)
+                                     Vec2f u_direction, Ray &ray, Vec3f &flux)
 {
   Vec3f a, b, c;
   light_triangle(scene, light, a, b, c);
   const Vec2f uv = sample_triangle(u_position);
+  const float opacity = lamp_opacity(scene, light, uv);
+  if (!(opacity > 0.0f)) return false;
+  flux *= opacity;
   const float w = 1.0f - uv.x - uv.y;
   const Vec3f p = a * w + b * uv.x + c * uv.y;
   const Vec3f error =
@@ -150,7 +153,7 @@ GPURT_HD inline bool emit_photon(const SceneView &scene, const EmissionView &emi
     switch (light.type) {
       case LightType::Triangle:
         photon.triangle = light.triangle;
-        return emit_from_triangle(scene, light, u_light.y, u_position, u_direction, photon.ray);
+        return emit_from_triangle(scene, light, u_light.y, u_position, u_direction, photon.ray, photon.flux);
       case LightType::Point:
         photon.ray = {light.position, 0.0f, sample_sphere(u_direction), infinity};
         return true;

@@ -42,6 +42,7 @@ struct ReyesSettings {
   ReyesFilter filter;
   ReyesShading shading;
   uint32_t no_shadows;
+  float flatness;  // pixels that micropolygons larger than the rate may leave the surface by; 0: none are
 };
 
 // A frame has fewer roots than this: ids are of 32 bits.

@@ -52,6 +52,7 @@ struct Material {
   Vec3f emission;
   uint32_t base_color_texture;  // index into SceneView::textures; invalid_id: none
   uint32_t two_sided_emission;
+  uint32_t blends;  // 1: alpha is opacity, and alpha_cutoff 0
 };
 
 enum class TexelFormat : uint32_t { Rgba8Srgb = 0, Rgba8Linear = 1, Rgba32f = 2 };
@@ -125,7 +126,8 @@ struct SceneView {
   uint32_t num_materials;
   uint32_t num_tree_lights;     // leaves of the light tree
   uint32_t num_distant_lights;  // lights[num_tree_lights ...]
-  uint32_t has_alpha_masks;
+  uint32_t has_alpha_masks;       // or materials that blend: not every hit counts
+  uint32_t has_blending;
   // How far a hit's point on the ray may lie off the triangle, in units of the triangle's extent seen from there: not 0
   // for accelerators that compute t in single precision, which would hit the triangle that a ray has just left.
   float t_error;

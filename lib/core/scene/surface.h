@@ -1,7 +1,8 @@
 // From a hit to the surface there: position with its error bound, normals, texture coordinates, material.
 #pragma once
 
-#include "core/accel/ray.h"
+#include "core/accel/trace_ray.h"
+#include "core/random/sobol.h"
 #include "core/scene/texture.h"
 
 namespace gpurt {
@@ -29,18 +30,41 @@ GPURT_INLINE Vec2f interpolate_uv(const SceneView &scene, const Segment &segment
   return {fma(w, a.x, fma(u, b.x, v * c.x)), fma(w, a.y, fma(u, b.y, v * c.y))};
 }
 
-// Opacity of a triangle at a point; holes of alpha masks are where it is below the material's cutoff.
-GPURT_INLINE bool is_hole(const SceneView &scene, uint32_t triangle, float u, float v)
+// Opacity of a triangle at a point: 0 in the holes of alpha masks, which are where alpha is below the material's cutoff.
+GPURT_INLINE float opacity_at(const SceneView &scene, uint32_t triangle, float u, float v)
 {
   const Segment &segment = scene.segments[scene.triangle_segment[triangle]];
   const Material &material = scene.materials[segment.material];
-  if (material.alpha_cutoff <= 0.0f) return false;
+  if (material.alpha_cutoff <= 0.0f && material.blends == 0) return 1.0f;
   float alpha = material.alpha;
   if (material.base_color_texture != invalid_id) {
     const Vec2f uv = interpolate_uv(scene, segment, scene.indices[triangle], u, v);
     alpha *= sample_texture(scene.textures[material.base_color_texture], uv).a;
   }
-  return alpha < material.alpha_cutoff;
+  if (material.blends != 0) return alpha;
+  return alpha < material.alpha_cutoff ? 0.0f : 1.0f;
+}
+
+// What decides for a ray, triangle by triangle, whether it meets surfaces that blend.
+GPURT_INLINE uint64_t ray_key(const TraceRay &ray)
+{
+  const auto pair = [](float a, float b) { return uint64_t(float_bits(a)) << 32 | float_bits(b); };
+  const uint64_t key = mix_bits(mix_bits(pair(ray.origin.x, ray.origin.y)) ^ pair(ray.origin.z, ray.direction.x));
+  return mix_bits(key ^ pair(ray.direction.y, ray.direction.z));
+}
+
+// Whether a ray passes a triangle that it crosses: in holes, and by chance where the material blends. A function of the ray
+// and the triangle, so that every leaf that has the triangle, every accelerator and every device decide alike; rays of
+// other samples have other keys, so that the mean over samples is that of light which is let through.
+// Source: Enderton et al. 2010, stochastic transparency, by the ray's hash in place of sample masks.
+GPURT_INLINE bool lets_pass(const SceneView &scene, uint64_t key, uint32_t triangle, uint32_t placement, float u,
+                            float v)
+{
+  const float opacity = opacity_at(scene, triangle, u, v);
+  if (opacity >= 1.0f) return false;
+  if (!(opacity > 0.0f)) return true;
+  const uint64_t id = uint64_t(placement) << 32 | triangle;
+  return unit_float(uint32_t(mix_bits(key ^ mix_bits(id + 0x9e3779b97f4a7c15u)))) >= opacity;
 }
 
 GPURT_INLINE Vec3f base_color(const SceneView &scene, const Material &material, Vec2f uv)

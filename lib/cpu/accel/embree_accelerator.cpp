@@ -156,7 +156,8 @@ void occluded(const CpuAccel &accel, const Ray *rays, uint8_t *occluded, uint32_
   }
 }
 
-// Rejects hits in the holes of alpha masks.
+// Rejects hits in the holes of alpha masks and those by chance of materials that blend. Through a shared geometry the ray
+// is in object space: a placement has its own.
 void filter_holes(const RTCFilterFunctionNArguments *args)
 {
   const Run &run = *static_cast<const Run *>(args->geometryUserPtr);
@@ -164,7 +165,15 @@ void filter_holes(const RTCFilterFunctionNArguments *args)
     if (args->valid[i] == 0) continue;
     const uint32_t primitive = RTCHitN_primID(args->hit, args->N, i);
     const float u = RTCHitN_u(args->hit, args->N, i), v = RTCHitN_v(args->hit, args->N, i);
-    if (is_hole(*run.scene, run.first_triangle + primitive, u, v)) args->valid[i] = 0;
+    const TraceRay ray = {{RTCRayN_org_x(args->ray, args->N, i) + 0.0f, RTCRayN_org_y(args->ray, args->N, i) + 0.0f,
+                           RTCRayN_org_z(args->ray, args->N, i) + 0.0f},
+                          0,
+                          {RTCRayN_dir_x(args->ray, args->N, i) + 0.0f, RTCRayN_dir_y(args->ray, args->N, i) + 0.0f,
+                           RTCRayN_dir_z(args->ray, args->N, i) + 0.0f},
+                          0,
+                          0,
+                          0};
+    if (lets_pass(*run.scene, ray_key(ray), run.first_triangle + primitive, invalid_id, u, v)) args->valid[i] = 0;
   }
 }
 
@@ -306,7 +315,8 @@ class EmbreeAccelerator final : public Accelerator {
     const uint64_t end = uint64_t(group.first_triangle) + group.num_triangles;
     for (uint64_t t = group.first_triangle; t < end;) {
       const Segment &segment = scene_->segments[scene_->triangle_segment[t]];
-      const bool is_masked = scene_->materials[segment.material].alpha_cutoff > 0.0f;
+      const Material &material = scene_->materials[segment.material];
+      const bool is_masked = material.alpha_cutoff > 0.0f || material.blends != 0;
       const uint64_t next = std::min(uint64_t(segment.first_triangle) + segment.num_triangles, end);
       if (runs.empty() || runs.back().is_masked != is_masked)
         runs.push_back({&view_, uint32_t(t), 0, is_masked});

@@ -225,7 +225,7 @@ class BlockSampler {
     }
     if (has_masks_) {
       const Hit hit = hit_of_root(scene_, root_, place.x, place.y, 0.0f);
-      if (is_hole(scene_.scene, hit.triangle, hit.u, hit.v)) return;
+      if (!(opacity_at(scene_.scene, hit.triangle, hit.u, hit.v) > 0.0f)) return;
     }
     ++num_fragments_;
     block_.z[slot] = z;

@@ -43,7 +43,7 @@ __device__ __forceinline__ bool is_taken(const ReyesBatch &b, uint32_t slot, uin
   if constexpr (finds_spots || has_masks) at = place();
   if constexpr (has_masks) {
     const Hit hit = hit_of_root(b.scene, root, at.x, at.y, 0.0f);
-    if (is_hole(b.scene.scene, hit.triangle, hit.u, hit.v)) return false;
+    if (!(opacity_at(b.scene.scene, hit.triangle, hit.u, hit.v) > 0.0f)) return false;
   }
   return true;
 }

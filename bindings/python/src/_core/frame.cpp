@@ -47,7 +47,7 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
                             const py::object &tiles, const py::object &progress,
                             const std::array<uint64_t, 7> &schedule,
                             const std::tuple<uint32_t, float, int, int, uint32_t> &photon,
-                            const std::tuple<float, int, int, uint32_t> &reyes)
+                            const std::tuple<float, int, int, uint32_t, float> &reyes)
 {
   auto job = std::make_unique<Job>(CallbackId(progress));
   gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
@@ -70,7 +70,7 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
   desc.photon.estimator = static_cast<gpurt_photon_estimator>(estimator);
   desc.photon.kernel = static_cast<gpurt_photon_kernel>(kernel);
   int filter = 0, shading = 0;
-  std::tie(desc.reyes.shading_rate, filter, shading, desc.reyes.no_shadows) = reyes;
+  std::tie(desc.reyes.shading_rate, filter, shading, desc.reyes.no_shadows, desc.reyes.flatness) = reyes;
   desc.reyes.filter = static_cast<gpurt_reyes_filter>(filter);
   desc.reyes.shading = static_cast<gpurt_reyes_shading>(shading);
   if (job->progress.is_set()) {
@@ -161,7 +161,8 @@ py::dict get_statistics(const Frame &frame)
                    "emit_seconds"_a = photons.emit_seconds, "scatter_seconds"_a = photons.scatter_seconds),
       "reyes"_a =
           py::dict("shading_rate"_a = s.reyes.shading_rate, "filter"_a = static_cast<int>(s.reyes.filter),
-                   "shading"_a = static_cast<int>(s.reyes.shading), "shadows"_a = s.reyes.no_shadows == 0),
+                   "shading"_a = static_cast<int>(s.reyes.shading), "shadows"_a = s.reyes.no_shadows == 0,
+                   "flatness"_a = s.reyes.flatness),
       "reyes_counters"_a =
           py::dict("num_patches"_a = reyes.num_patches, "num_triangles"_a = reyes.num_triangles,
                    "num_splits"_a = reyes.num_splits, "num_culled"_a = reyes.num_culled,

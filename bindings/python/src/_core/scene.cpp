@@ -49,7 +49,7 @@ uint32_t add_texture(Scene &scene, int format, uint32_t width, uint32_t height, 
 
 uint32_t add_material(Scene &scene, int type, const Vec3 &base_color, float roughness, float ior, float alpha,
                       float alpha_cutoff, const Vec3 &emission, uint32_t base_color_texture,
-                      bool two_sided_emission)
+                      bool two_sided_emission, bool blends)
 {
   gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
   desc.type = static_cast<gpurt_material_type>(type);
@@ -61,6 +61,7 @@ uint32_t add_material(Scene &scene, int type, const Vec3 &base_color, float roug
   copy_floats(emission, desc.emission);
   desc.base_color_texture = base_color_texture;
   desc.two_sided_emission = two_sided_emission;
+  desc.blends = blends;
   uint32_t material = 0;
   call([&] { return gpurt_scene_add_material(scene.handle.get(), &desc, &material); });
   return material;
@@ -209,7 +210,8 @@ py::dict get_facts(const Scene &scene)
       "num_references"_a = facts.num_references, "tree_depth"_a = facts.tree_depth,
       "tree_from_cache"_a = facts.tree_from_cache != 0, "build_seconds"_a = facts.build_seconds,
       "sah_cost"_a = facts.sah_cost, "accel_build_seconds"_a = facts.accel_build_seconds,
-      "build_peak_bytes"_a = facts.build_peak_bytes, "tree_refitted"_a = facts.tree_refitted != 0);
+      "build_peak_bytes"_a = facts.build_peak_bytes, "tree_refitted"_a = facts.tree_refitted != 0,
+      "has_blending"_a = facts.has_blending != 0, "patch_error"_a = facts.patch_error);
 }
 
 // With nodes and references None it tells the sizes, else it fills the arrays.
@@ -261,7 +263,7 @@ void bind_scene(py::module_ &module)
            py::arg("wrap_u"), py::arg("wrap_v"), py::arg("filter"), py::arg("texels"))
       .def("add_material", add_material, py::arg("type"), py::arg("base_color"), py::arg("roughness"),
            py::arg("ior"), py::arg("alpha"), py::arg("alpha_cutoff"), py::arg("emission"),
-           py::arg("base_color_texture"), py::arg("two_sided_emission"))
+           py::arg("base_color_texture"), py::arg("two_sided_emission"), py::arg("blends"))
       .def("add_mesh", add_mesh, py::arg("vertices"), py::arg("indices"), py::arg("normals"), py::arg("uvs"),
            py::arg("material"))
       .def("set_vertices", set_vertices, py::arg("geometry"), py::arg("vertices"), py::arg("normals"))

@@ -61,6 +61,7 @@ class Scene:
         emission: Sequence[float],
         base_color_texture: int,
         two_sided_emission: bool,
+        blends: bool,
     ) -> int: ...
     def add_mesh(
         self,
@@ -199,7 +200,7 @@ class Frame:
         progress: Optional[Callback],
         schedule: Sequence[int],
         photon: Tuple[int, float, int, int, int],
-        reyes: Tuple[float, int, int, int],
+        reyes: Tuple[float, int, int, int, float],
     ) -> Job: ...
     def read(self, output: int, data: Array) -> None: ...
     def save(self, path: bytes) -> None: ...

@@ -118,16 +118,18 @@ def _photon_names(values: Mapping[str, Any]) -> Dict[str, Any]:
             "kernel": PHOTON_KERNEL.name(values["kernel"]), "remedies": remedies}
 
 
-def _reyes_values(reyes: Optional[Mapping[str, Any]]) -> Tuple[float, int, int, int]:
-    """shading_rate, filter, shading and no_shadows of gpurt_reyes_settings."""
+def _reyes_values(reyes: Optional[Mapping[str, Any]]) -> Tuple[float, int, int, int, float]:
+    """shading_rate, filter, shading, no_shadows and flatness of gpurt_reyes_settings."""
     given = dict(reyes or {})
     rate = to_number(given.pop("shading_rate", 0), "shading_rate")
     pixel_filter = REYES_FILTER.value(given.pop("filter", "auto"))
     shading = REYES_SHADING.value(given.pop("shading", "auto"))
     shadows = given.pop("shadows", True)
+    flatness = to_number(given.pop("flatness", 0), "flatness")
     if given:
-        raise InvalidArgument(f"reyes: {next(iter(given))!r} is none of 'shading_rate', 'filter', 'shading', 'shadows'")
-    return rate, pixel_filter, shading, 0 if shadows else 1
+        raise InvalidArgument(f"reyes: {next(iter(given))!r} is none of 'shading_rate', 'filter', 'shading', 'shadows', "
+                              "'flatness'")
+    return rate, pixel_filter, shading, 0 if shadows else 1, flatness
 
 
 def _reyes_names(values: Mapping[str, Any]) -> Dict[str, Any]:

@@ -71,6 +71,8 @@ class SceneFacts:
     accel_build_seconds: float  #: of build_seconds, to build the acceleration structure
     build_peak_bytes: int  #: device memory that its build held at a time; 0: it was not built on a GPU
     tree_refitted: bool  #: to vertices that have moved
+    has_blending: bool  #: a material blends
+    patch_error: float  #: no point of a patch is further from its triangles, in metres of the world
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,24 +175,25 @@ class Scene:
     def add_material(self, type: str = "lambert", *, base_color: Union[float, Vector] = (1, 1, 1),
                      roughness: float = 1, ior: float = 1.5, alpha: float = 1, alpha_cutoff: float = 0,
                      emission: Union[float, Vector] = (0, 0, 0), base_color_texture: int = 0,
-                     two_sided_emission: bool = False) -> int:
+                     two_sided_emission: bool = False, blends: bool = False) -> int:
         """Adds a material and returns its id, from 1.
 
         :param type: "lambert", "mirror", "glass" (smooth dielectric; closed solids) or "metal" (GGX).
         :param base_color: linear, in [0, 1]: reflectance, or the tint of glass; three numbers or one.
         :param roughness: of metal, in (0, 1]; GGX's alpha is its square.
         :param ior: index of refraction of glass.
-        :param alpha: opacity that multiplies the texture's; used with alpha_cutoff alone.
+        :param alpha: multiplies the texture's alpha; used with alpha_cutoff or blends alone.
         :param alpha_cutoff: > 0: parts whose alpha is below it are holes.
         :param emission: radiance, W/(m^2 sr) up to the lights' scale.
         :param base_color_texture: multiplies base_color; 0: none.
+        :param blends: alpha is opacity: of light, 1 - alpha passes straight on. With alpha_cutoff 0.
         :param two_sided_emission: emits from both sides, not from the counter-clockwise one alone.
         """
         return self._core.add_material(
             MATERIAL_TYPE.value(type), to_vec3(base_color, "base_color", spread=True),
             to_number(roughness, "roughness"), to_number(ior, "ior"), to_number(alpha, "alpha"),
             to_number(alpha_cutoff, "alpha_cutoff"), to_vec3(emission, "emission", spread=True),
-            to_count(base_color_texture, "base_color_texture"), bool(two_sided_emission))
+            to_count(base_color_texture, "base_color_texture"), bool(two_sided_emission), bool(blends))
 
     def add_mesh(self, vertices: Any, indices: Any = None, normals: Any = None, uvs: Any = None, *,
                  material: int = 0, transform: Any = None, share: bool = False) -> Placed:
@@ -337,7 +340,7 @@ class Scene:
         :param max_depth: of a kd-tree, at most 48; 0: 8 + 1.3 log2 N.
         :param traversal_cost: of a kd-tree: a step in units of a triangle test; 0: the library's choice.
         :param empty_bonus: of a kd-tree: factor on the cost of splits that cut off empty space; 0: the library's.
-        :param patch_tolerance: largest distance in metres of object space between a patch and its triangles; 0:
+        :param patch_tolerance: largest distance in metres of the world between a patch and its triangles; 0:
             1e-4 of the diagonal of the patches' bounds.
         :param tree_cache: file of a kd-tree: reused if it fits the scene, else written.
         :param quality: "fast" (GPU, bvh: large trees are built on the device, in milliseconds a million triangles; rays

@@ -268,6 +268,7 @@ pub struct gpurt_material_desc {
     pub emission: [f32; 3usize],
     pub base_color_texture: u32,
     pub two_sided_emission: u32,
+    pub blends: u32,
 }
 extern "C" {
     pub fn gpurt_scene_add_material(
@@ -485,7 +486,8 @@ pub struct gpurt_scene_facts {
     pub accel_build_seconds: f64,
     pub build_peak_bytes: u64,
     pub tree_refitted: u32,
-    pub reserved: u32,
+    pub has_blending: u32,
+    pub patch_error: f64,
 }
 extern "C" {
     pub fn gpurt_scene_get_facts(
@@ -866,7 +868,8 @@ pub struct gpurt_reyes_settings {
     pub filter: gpurt_reyes_filter,
     pub shading: gpurt_reyes_shading,
     pub no_shadows: u32,
-    pub reserved: [u32; 2usize],
+    pub flatness: f32,
+    pub reserved: [u32; 1usize],
 }
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]

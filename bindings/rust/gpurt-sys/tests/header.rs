@@ -171,7 +171,7 @@ macro_rules! with_descriptors {
             gpurt_buffer_desc { struct_size storage size_bytes data release release_user }
             gpurt_texture_desc { struct_size format width height wrap_u wrap_v filter reserved texels }
             gpurt_material_desc { struct_size type_ base_color roughness ior alpha alpha_cutoff emission
-                base_color_texture two_sided_emission }
+                base_color_texture two_sided_emission blends }
             gpurt_mesh_desc { struct_size material vertices indices normals uvs }
             gpurt_patches_desc { struct_size material control_points }
             gpurt_subdivision_desc { struct_size material scheme reserved vertices face_counts indices }
@@ -188,7 +188,7 @@ macro_rules! with_descriptors {
                 num_emissive_triangles bounds_min bounds_max has_environment has_glass has_alpha_masks
                 is_committed accel triangle_test accel_bytes scene_bytes num_nodes num_references tree_depth
                 tree_from_cache build_seconds sah_cost accel_build_seconds build_peak_bytes tree_refitted
-                reserved }
+                has_blending patch_error }
             gpurt_kdtree { struct_size tree num_nodes num_references num_triangles bounds_min bounds_max nodes
                 references }
             gpurt_trace_desc { struct_size query format storage num_rays rays hits occluded offsets
@@ -228,7 +228,7 @@ fn layouts_and_defaults_agree() {
         gpurt_photon_settings { photons_per_pass initial_radius estimator kernel remedies reserved }
         gpurt_photon_counters { num_emitted num_rays num_stored num_gathered num_visible num_sub_passes
             trace_seconds build_seconds gather_seconds smallest_radius emit_seconds scatter_seconds reserved }
-        gpurt_reyes_settings { shading_rate filter shading no_shadows reserved }
+        gpurt_reyes_settings { shading_rate filter shading no_shadows flatness reserved }
         gpurt_reyes_counters { num_patches num_triangles num_splits num_culled num_grids num_micropolygons
             num_fragments num_shaded largest_queue largest_bucket working_bytes bound_seconds split_seconds
             dice_seconds sample_seconds split_rounds num_donated reserved }

@@ -79,10 +79,12 @@ pub struct Material {
     pub roughness: f32,
     /// Glass: index of refraction.
     pub ior: f32,
-    /// Opacity that multiplies the texture's; used with `alpha_cutoff` alone.
+    /// Multiplies the texture's alpha; used with `alpha_cutoff` or `blends` alone.
     pub alpha: f32,
-    /// Parts whose alpha is below it are holes; 0: opaque.
+    /// Parts whose alpha is below it are holes; 0: none.
     pub alpha_cutoff: f32,
+    /// Alpha is opacity: of light, 1 - alpha passes straight on. Wants `alpha_cutoff` 0.
+    pub blends: bool,
     /// Radiance, W/(m² sr) up to the lights' scale; zero: not a lamp.
     pub emission: [f32; 3],
     /// Multiplies `base_color`.
@@ -100,6 +102,7 @@ impl Default for Material {
             ior: 1.5,
             alpha: 1.0,
             alpha_cutoff: 0.0,
+            blends: false,
             emission: [0.0; 3],
             base_color_texture: None,
             two_sided_emission: false,

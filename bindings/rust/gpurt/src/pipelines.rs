@@ -122,6 +122,8 @@ pub struct ReyesSettings {
     pub shading: ReyesShading,
     /// Nothing stands between a surface and a light.
     pub no_shadows: bool,
+    /// Above 0, micropolygons may be larger where they stay within so many pixels of the surface.
+    pub flatness: f32,
 }
 
 impl Default for ReyesSettings {
@@ -131,6 +133,7 @@ impl Default for ReyesSettings {
             filter: ReyesFilter::Auto,
             shading: ReyesShading::Auto,
             no_shadows: false,
+            flatness: 0.0,
         }
     }
 }
@@ -142,7 +145,8 @@ impl ReyesSettings {
             filter: self.filter as u32,
             shading: self.shading as u32,
             no_shadows: self.no_shadows as u32,
-            reserved: [0; 2],
+            flatness: self.flatness,
+            reserved: [0; 1],
         }
     }
 
@@ -156,6 +160,7 @@ impl ReyesSettings {
             filter: ReyesFilter::from_raw(raw.filter)?,
             shading: ReyesShading::from_raw(raw.shading)?,
             no_shadows: raw.no_shadows != 0,
+            flatness: raw.flatness,
         }))
     }
 }

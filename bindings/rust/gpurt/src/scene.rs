@@ -29,7 +29,7 @@ pub struct BuildDesc {
     pub traversal_cost: f32,
     /// Kd-tree: factor on the cost of splits that cut off empty space.
     pub empty_bonus: f32,
-    /// Largest distance, in metres of object space, between a patch and its triangles; 0: 1e-4 of the
+    /// Largest distance, in metres of the world, between a patch and its triangles; 0: 1e-4 of the
     /// diagonal of the patches' bounds.
     pub patch_tolerance: f32,
     /// How much time building may take.
@@ -125,6 +125,7 @@ impl Scene {
             emission: material.emission,
             base_color_texture: material.base_color_texture.map_or(0, |texture| texture.0),
             two_sided_emission: material.two_sided_emission.into(),
+            blends: material.blends.into(),
             ..Default::default()
         };
         // SAFETY: the handle is valid; the descriptor holds no pointer.
@@ -352,6 +353,8 @@ filled_struct! {
             accel_build_seconds: f64,
             /// Device memory that its build held at a time; 0: it was not built on a CUDA device.
             build_peak_bytes: u64,
+            /// No point of a patch of the last commit is further from its triangles, in metres of the world.
+            patch_error: f64,
         }
         converted {
             /// There is light from infinity.
@@ -360,6 +363,8 @@ filled_struct! {
             has_glass: bool = raw.has_glass != 0,
             /// A material has holes.
             has_alpha_masks: bool = raw.has_alpha_masks != 0,
+            /// A material blends.
+            has_blending: bool = raw.has_blending != 0,
             /// A commit is in force, which later changes may not be part of.
             is_committed: bool = raw.is_committed != 0,
             /// What the last commit built.

@@ -19,7 +19,7 @@ struct ClosestQuery {
 
   static GPURT_INLINE Visitor make_visitor(const SceneView &scene, const TraceRay &ray)
   {
-    return {&scene, ray.tmax, {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id}};
+    return {&scene, ray.tmax, {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id}, pass_key<EverythingValue>(ray)};
   }
   static __device__ __forceinline__ void store(const SceneView &scene, const RayBatch &batch, uint64_t i,
                                                bool aligned, const TraceRay &ray, float miss_t,
@@ -49,7 +49,7 @@ struct AnyQuery {
 
   static GPURT_INLINE Visitor make_visitor(const SceneView &scene, const TraceRay &ray)
   {
-    return {&scene, ray.tmax, false};
+    return {&scene, ray.tmax, false, pass_key<EverythingValue>(ray)};
   }
   static __device__ __forceinline__ void store(const SceneView &, const RayBatch &batch, uint64_t i, bool,
                                                const TraceRay &, float, const Visitor &visitor)
