@@ -21,7 +21,7 @@ static_assert(sizeof(PixelSums) == 112 && sizeof(PixelFeatures) == 48 && sizeof(
               "the file holds these as they lie in memory: a change of layout needs a new format_version");
 
 constexpr char magic[8] = {'g', 'p', 'u', 'r', 't', 'f', 'r', 'm'};
-constexpr uint32_t format_version = 4;
+constexpr uint32_t format_version = 5;
 constexpr uint32_t library_version =
     GPURT_VERSION_MAJOR << 16 | GPURT_VERSION_MINOR << 8 | GPURT_VERSION_PATCH;
 

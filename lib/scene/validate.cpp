@@ -113,6 +113,24 @@ uint32_t add_texture(SceneData &scene, TextureData texture)
   return uint32_t(scene.textures.size() - 1);
 }
 
+namespace {
+
+// Whether any texel is not opaque.
+bool has_alpha(const TextureData &texture)
+{
+  const std::byte *texels = texture.texels->data();
+  const uint64_t n = uint64_t(texture.width) * texture.height;
+  if (texture.format != TexelFormat::Rgba32f)
+    return find_first(n, [&](uint64_t i) { return texels[4 * i + 3] != std::byte{255}; }) != n;
+  return find_first(n, [&](uint64_t i) {
+           float alpha;
+           std::memcpy(&alpha, texels + 16 * i + 12, sizeof alpha);
+           return alpha != 1.0f;
+         }) != n;
+}
+
+}  // namespace
+
 uint32_t add_material(SceneData &scene, const MaterialSettings &settings)
 {
   check_room(scene.materials.size(), "materials");
@@ -137,7 +155,6 @@ uint32_t add_material(SceneData &scene, const MaterialSettings &settings)
   m.base_color = settings.base_color;
   m.alpha = settings.alpha;
   m.alpha_cutoff = settings.alpha_cutoff;
-  m.blends = settings.blends ? 1 : 0;
   m.emission = settings.emission;
   m.base_color_texture = settings.base_color_texture;
   m.two_sided_emission = settings.two_sided_emission ? 1 : 0;
@@ -163,6 +180,11 @@ uint32_t add_material(SceneData &scene, const MaterialSettings &settings)
     check_texels(
         scene.textures[settings.base_color_texture], [](float x, int) { return !(x >= 0 && x <= 1); },
         "a base colour must be in [0, 1]");
+  }
+  // What lets nothing through is opaque, and costs no more.
+  if (settings.blends) {
+    m.blends = m.alpha < 1 ||
+               (m.base_color_texture != invalid_id && has_alpha(scene.textures[m.base_color_texture]));
   }
   scene.materials.push_back(m);
   return uint32_t(scene.materials.size() - 1);

@@ -29,6 +29,77 @@ INSTANTIATE_TEST_SUITE_P(Accels, Transport, testing::Values(GPURT_ACCEL_KDTREE, 
                            return info.param == GPURT_ACCEL_KDTREE ? "kdtree" : "embree";
                          });
 
+// Two sheets in front of each other take their opacity's share of what is behind: of light seen, of shadows, and of lamps
+// that are drawn.
+TEST_P(Transport, SheetsThatBlendTakeTheirShare)
+{
+  const auto sheet = [](gpurt_scene scene, float z, float alpha, float emission) {
+    gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
+    for (float &c : desc.base_color) c = 0;
+    for (float &c : desc.emission) c = emission;
+    desc.two_sided_emission = 1;
+    desc.alpha = alpha;
+    desc.blends = 1;
+    uint32_t id = 0;
+    GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &desc, &id));
+    add_mesh(scene, quad({-9, -9, z}, {9, -9, z}, {9, 9, z}, {-9, 9, z}), id);
+  };
+  Device device = make_device();
+  RenderOptions o{.width = 16, .height = 16, .spp = 256, .max_depth = 2};
+  const double num = 16.0 * 16 * 256;
+  // Seen directly: 0.25 of 2, then 0.75 x 0.5 of 0, then 0.375 of the sky.
+  Scene seen;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, seen.out()));
+  sheet(seen, 0, 0.25f, 2);
+  sheet(seen, -1, 0.5f, 0);
+  set_environment(seen, 1);
+  add_camera(seen, {0, 0, 2}, 0.6f);
+  commit(seen, GetParam());
+  Frame frame = make_frame(seen, o);
+  render(frame, o);
+  // A sample's variance is at most 1.
+  EXPECT_NEAR(mean(read_color(frame, o)), 0.25 * 2 + 0.375, 4 / std::sqrt(num));
+
+  // A white wall behind a sheet that takes 0.4 of a distant light, which would light it to 1. Once with the eye between
+  // them, so that the shadow alone counts, once in front of both.
+  for (const float eye : {-1.0f, 2.0f}) {
+    Scene wall;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, wall.out()));
+    sheet(wall, 0, 0.4f, 0);
+    add_mesh(wall, quad({-4, -4, -3}, {4, -4, -3}, {4, 4, -3}, {-4, 4, -3}));
+    gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+    light.type = GPURT_LIGHT_DISTANT;
+    light.direction[2] = -1;
+    light.direction[1] = 0.1f;
+    for (float &c : light.intensity) c = 3.14159265f * std::sqrt(1.01f);
+    uint32_t id;
+    GPURT_ASSERT_OK(gpurt_scene_add_light(wall, &light, &id));
+    add_camera(wall, {0, 0, eye}, 0.6f);
+    commit(wall, GetParam());
+    Frame lit = make_frame(wall, o);
+    render(lit, o);
+    const double expected = eye < 0 ? 0.6 : 0.36;
+    EXPECT_NEAR(mean(read_color(lit, o)), expected, 4 / std::sqrt(num));
+  }
+
+  // A sheet that emits and is all that there is to light the wall: half of it emits half as much as a whole one, drawn as a
+  // lamp or met by chance.
+  double whole = 0;
+  for (const float alpha : {1.0f, 0.5f}) {
+    Scene lamp;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, lamp.out()));
+    sheet(lamp, 2, alpha, 1);
+    add_mesh(lamp, quad({-4, -4, -3}, {4, -4, -3}, {4, 4, -3}, {-4, 4, -3}));
+    add_camera(lamp, {0, 0, 1}, 0.6f);
+    commit(lamp, GetParam());
+    Frame lit = make_frame(lamp, o);
+    render(lit, o);
+    const double m = mean(read_color(lit, o));
+    if (alpha == 1) whole = m;
+    else EXPECT_NEAR(m, 0.5 * whole, 8 / std::sqrt(num));
+  }
+}
+
 // Catalogue row 24: a white sphere under a unit sky sends out what it receives.
 TEST_P(Transport, FurnaceOfAWhiteSphereUnderAUnitSkyIsOne)
 {

@@ -5,6 +5,7 @@
 // catalogue names; without it there are fewer, so that the suite fits a CI run.
 #pragma once
 
+#include <cstdio>
 #include <string>
 #include <vector>
 
@@ -29,6 +30,8 @@ struct Method {
 const std::vector<Method> &methods();
 /// Photon mapping, on the devices that have it.
 const std::vector<Method> &photon_methods();
+/// REYES, on the devices that have it.
+const std::vector<Method> &reyes_methods();
 inline void PrintTo(const Method &method, std::ostream *out) { *out << method.name; }
 
 enum class Expected {
@@ -99,6 +102,14 @@ uint64_t count_hits(gpurt_scene scene, uint64_t total, Make &&make, F &&is_bad)
 }
 
 inline bool is_miss(const gpurt_hit &hit) { return hit.primitive == GPURT_INVALID_ID; }
+
+/// A note with one number or two.
+inline std::string text_of(const char *format, double a, double b = 0)
+{
+  char text[128];
+  std::snprintf(text, sizeof text, format, a, b);
+  return text;
+}
 
 #define GPURT_STABILITY_SUITE(Suite) \
   INSTANTIATE_TEST_SUITE_P(Methods, Suite, ::testing::ValuesIn(gpurt_test::methods()), \

@@ -33,6 +33,8 @@ TITLES = {
     "photon_bvh": "photon mapping, bvh",
     "cuda_photon_kdtree": "CUDA photon mapping, kd-tree",
     "cuda_photon_bvh": "CUDA photon mapping, bvh",
+    "reyes": "REYES",
+    "cuda_reyes": "CUDA REYES",
 }
 INTRO = """# Stability
 

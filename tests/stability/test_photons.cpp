@@ -94,13 +94,6 @@ double relmse(const std::vector<float> &image, const std::vector<float> &referen
   return sum / double(image.size());
 }
 
-std::string text_of(const char *format, double a, double b = 0)
-{
-  char text[128];
-  std::snprintf(text, sizeof text, format, a, b);
-  return text;
-}
-
 TEST_P(Photons, Row22Caustic)
 {
   // A pool under a glass sphere; the lamp has a hundredth of the pool's width, and the camera looks at the pool alone.

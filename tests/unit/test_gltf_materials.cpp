@@ -90,7 +90,12 @@ TEST(GltfMaterials, MasksAndBlending)
   EXPECT_EQ(m.material.alpha_cutoff, 0.25f);
   m = load_material({{"pbrMetallicRoughness", pbr(1, 1, {1, 1, 1, 0.3})}, {"alphaMode", "BLEND"}});
   EXPECT_EQ(m.material.alpha_cutoff, 0);
-  expect_contains(m.warnings, "blending");
+  EXPECT_EQ(m.material.alpha, 0.3f);
+  EXPECT_EQ(m.material.blends, 1u);
+  EXPECT_EQ(m.warnings.find("blend"), std::string::npos);
+  // Nothing passes: opaque.
+  m = load_material({{"pbrMetallicRoughness", pbr(1, 1)}, {"alphaMode", "BLEND"}});
+  EXPECT_EQ(m.material.blends, 0u);
   m = load_material({{"pbrMetallicRoughness", pbr(1, 1, {1, 1, 1, 0.3})}});
   EXPECT_EQ(m.material.alpha_cutoff, 0);
 }

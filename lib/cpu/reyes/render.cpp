@@ -5,6 +5,7 @@
 
 #include <cstring>
 
+#include "core/reyes/blend.h"
 #include "core/reyes/filter.h"
 #include "cpu/path/render_counters.h"
 #include "cpu/path/wave_scratch.h"
@@ -17,6 +18,8 @@ namespace {
 constexpr uint32_t shaded_paths = 1024;
 // Samples of a bucket at most: they are looked at again and again, and stay in a core's cache.
 constexpr uint64_t bucket_samples = 1u << 14;
+// Fragments of surfaces that blend that a thread keeps at a time, where memory lets it.
+constexpr uint64_t most_fragments = 1u << 18;
 // Without a limit of the device, lists of roots may take this much.
 constexpr uint64_t default_list_bytes = uint64_t(1) << 30;
 
@@ -28,11 +31,44 @@ uint32_t bucket_edge_for(uint64_t samples_per_pixel)
   return edge;
 }
 
+// One thread's memory for surfaces that blend.
+class BlendScratch {
+ public:
+  BlendScratch(uint64_t num_samples, uint64_t num_fragments)
+      : fragments_(num_fragments),
+        last_(num_fragments != 0 ? num_samples : 0),
+        ids_(2 * last_.size() + shaded_paths),
+        floats_(2 * last_.size()),
+        radiance_(last_.size()),
+        standing_(last_.size())
+  {}
+
+  static uint64_t bytes_per_sample()
+  {
+    return sizeof(Fragment) + 2 * sizeof(uint32_t) + 2 * sizeof(float) + sizeof(Vec3f) + sizeof(Hit);
+  }
+
+  BlendMemory memory()
+  {
+    const size_t n = last_.size();
+    return {fragments_.data(), fragments_.size(), ids_.data(), ids_.data() + n, last_.data(),
+            floats_.data(),    floats_.data() + n, radiance_.data(), standing_.data(), ids_.data() + 2 * n};
+  }
+
+ private:
+  std::vector<Fragment> fragments_, last_;
+  std::vector<uint32_t> ids_;
+  std::vector<float> floats_;
+  std::vector<Vec3f> radiance_;
+  std::vector<Hit> standing_;
+};
+
 // One thread's memory for the samples of a bucket, for a wave of paths and for films.
 class Scratch {
  public:
-  Scratch(uint64_t num_samples, uint64_t num_cells)
-      : floats_(8 * num_samples),
+  Scratch(uint64_t num_samples, uint64_t num_cells, uint64_t num_fragments)
+      : blend_(num_samples, num_fragments),
+        floats_(8 * num_samples),
         ids_(2 * num_samples + num_cells + 1),
         num_samples_(num_samples),
         wave_(shaded_paths)
@@ -60,10 +96,12 @@ class Scratch {
             ids_.data() + 2 * num_samples_};
   }
   PathWave wave() { return wave_.wave(); }
+  BlendMemory blend_memory() { return blend_.memory(); }
 
   TileFilm film, bucket_film;
 
  private:
+  BlendScratch blend_;
   std::vector<float> floats_;
   std::vector<uint32_t> ids_;
   uint64_t num_samples_;
@@ -111,8 +149,21 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
   const uint32_t edge = bucket_edge_for(most_samples);
   const uint64_t num_samples = uint64_t(edge) * edge * most_samples, num_cells = largest_cells(edge);
   film_bytes += TileFilm::bytes_for(uint64_t(edge) * edge, pass.outputs);
-  const uint64_t scratch_bytes =
+  uint64_t scratch_bytes =
       uint64_t(arena.max_concurrency()) * (Scratch::bytes(num_samples, num_cells) + film_bytes);
+  uint64_t num_fragments = 0;
+  if (scene.scene.has_blending) {
+    scratch_bytes += uint64_t(arena.max_concurrency()) * num_samples * BlendScratch::bytes_per_sample();
+    num_fragments = most_fragments;
+    // A quarter of what is left.
+    if (memory && memory->limit() != 0) {
+      const uint64_t taken = memory->used() + scratch_bytes, left = memory->limit() - std::min(memory->limit(), taken);
+      num_fragments =
+          std::min(num_fragments, left / 4 / uint64_t(arena.max_concurrency()) / sizeof(Fragment));
+    }
+    num_fragments = std::max(num_fragments, most_samples * smallest_blend_edge * smallest_blend_edge);
+    scratch_bytes += uint64_t(arena.max_concurrency()) * num_fragments * sizeof(Fragment);
+  }
   const Reservation reserved(memory, scratch_bytes, "rendering's working memory");
   // Half of what is left goes to lists: several passes may run.
   uint64_t list_bytes = default_list_bytes;
@@ -132,7 +183,9 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
     // Counted with the unit that comes first.
     std::atomic<bool> is_first{true};
     const double bound_seconds = steady_seconds() - start;
-    tbb::enumerable_thread_specific<Scratch> scratches([&] { return Scratch(num_samples, num_cells); });
+    tbb::enumerable_thread_specific<Scratch> scratches([&] {
+      return Scratch(num_samples, num_cells, num_fragments);
+    });
     tbb::parallel_for(
         tbb::blocked_range<size_t>(0, pass.units.size(), 1),
         [&](const tbb::blocked_range<size_t> &range) {
@@ -160,10 +213,15 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
                                          buckets.has_lists() ? roots.size() : num_roots,
                                          has_found_light};
                 largest_bucket = std::max(largest_bucket, bucket.num_roots);
-                kernels.find_visible(scene, pass.settings, reyes, bucket, samples, steady_seconds, counters);
                 scratch.bucket_film.reset(x1 - x, y1 - y, pass.outputs);
-                kernels.shade(accel, scene, pass.settings, reyes, bucket, samples, wave, shaded_paths,
-                              scratch.bucket_film.view(), steady_seconds, counters);
+                if (scene.scene.has_blending) {
+                  kernels.blend(accel, scene, pass.settings, reyes, bucket, samples, scratch.blend_memory(), wave,
+                                shaded_paths, scratch.bucket_film.view(), steady_seconds, counters);
+                } else {
+                  kernels.find_visible(scene, pass.settings, reyes, bucket, samples, steady_seconds, counters);
+                  kernels.shade(accel, scene, pass.settings, reyes, bucket, samples, wave, shaded_paths,
+                                scratch.bucket_film.view(), steady_seconds, counters);
+                }
                 add_film(scratch.film, scratch.bucket_film, x - unit.x0, y - unit.y0);
                 x = x1;
               }

@@ -4,6 +4,7 @@
 #include "core/reyes/filter.h"
 #include "core/reyes/shade.h"
 #include "cpu/path/serial_executor.h"
+#include "cpu/reyes/blend_loops.h"
 #include "cpu/reyes/sample_loops.h"
 
 namespace gpurt {
@@ -230,20 +231,18 @@ class PatchPipeline {
   GridLight light_;
 };
 
-void find_visible(const ReyesScene &scene, const PathSettings &settings, const ReyesSettings &reyes,
-                  const ReyesBucket &bucket, const ReyesMemory &memory, double (*seconds)(),
-                  ReyesKernelCounters &counters)
+// Puts the bucket's roots into the samples of the block: those that do not blend; with a sink, those that do.
+void put_roots(const ReyesScene &scene, const PathSettings &settings, const ReyesSettings &reyes,
+               const ReyesBucket &bucket, const SampleBlock &block, const FragmentSink *sink,
+               double (*seconds)(), ReyesKernelCounters &counters)
 {
-  const double start = seconds();
-  const Places places(settings, reyes, bucket, memory);
   const RasterProjection projection = raster_projection(settings.camera);
   const DiceSettings dice{1.0f / sqrt(reyes.shading_rate), 0.5f * float(settings.camera.width),
                           0.5f * float(settings.camera.height)};
   const bool has_own_light = reyes.shading != ReyesShading::Samples;
-  BlockSampler sampler(scene, projection, places.block(), has_own_light);
+  BlockSampler sampler(scene, projection, block, has_own_light, sink);
   const OwnLight own =
       own_light(projection, reyes.shading == ReyesShading::Blocks ? 1 : 0, settings.max_depth >= 2);
-  counters.path.stage_seconds[uint32_t(PathStage::Generate)] += seconds() - start;
   PatchPipeline patches(scene.scene, projection, dice, has_own_light ? &own : nullptr, sampler, seconds,
                         counters);
   uint32_t r = 0;
@@ -263,6 +262,10 @@ void find_visible(const ReyesScene &scene, const PathSettings &settings, const R
       }
     }
     const RootRange &range = scene.ranges[r];
+    if (scene.scene.has_blending) {
+      const bool blends = scene.scene.materials[scene.scene.segments[range.segment].material].blends != 0;
+      if (blends != (sink != nullptr)) continue;
+    }
     const uint32_t primitive = uint32_t(root - range.first_root);
     if (scene.patches[range.segment].num_patches != 0) {
       RasterPatch patch;
@@ -286,6 +289,24 @@ void find_visible(const ReyesScene &scene, const PathSettings &settings, const R
   }
   patches.charge(counters.split_seconds);
   counters.num_fragments += sampler.num_fragments();
+}
+
+SampleBlock find_nearest(const ReyesScene &scene, const PathSettings &settings, const ReyesSettings &reyes,
+                         const ReyesBucket &bucket, const ReyesMemory &memory, double (*seconds)(),
+                         ReyesKernelCounters &counters)
+{
+  const double start = seconds();
+  const Places places(settings, reyes, bucket, memory);
+  counters.path.stage_seconds[uint32_t(PathStage::Generate)] += seconds() - start;
+  put_roots(scene, settings, reyes, bucket, places.block(), nullptr, seconds, counters);
+  return places.block();
+}
+
+void find_visible(const ReyesScene &scene, const PathSettings &settings, const ReyesSettings &reyes,
+                  const ReyesBucket &bucket, const ReyesMemory &memory, double (*seconds)(),
+                  ReyesKernelCounters &counters)
+{
+  find_nearest(scene, settings, reyes, bucket, memory, seconds, counters);
 }
 
 // Path tracing's stages with what the samples see in place of the eye rays' hits.
@@ -405,11 +426,26 @@ void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &s
   }
 }
 
+void blend(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
+           const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory,
+           const BlendMemory &blend_memory, const PathWave &wave, uint32_t wave_capacity,
+           const FilmView &film, double (*seconds)(), ReyesKernelCounters &counters)
+{
+  SampleBlock block{};
+  const auto find = [&](const ReyesBucket &part, const FragmentSink *sink) {
+    if (sink == nullptr) block = find_nearest(scene, settings, reyes, part, memory, seconds, counters);
+    else put_roots(scene, settings, reyes, part, block, sink, seconds, counters);
+  };
+  BlendedBucket(accel, scene, settings, reyes, memory, blend_memory, wave, wave_capacity, film, bucket.x0,
+                bucket.y0, seconds, counters, find)
+      .run(bucket);
+}
+
 }  // namespace
 
 const ReyesKernels &reyes_kernels()
 {
-  static constexpr ReyesKernels kernels = {bound_roots, find_visible, shade};
+  static constexpr ReyesKernels kernels = {bound_roots, find_visible, shade, blend};
   return kernels;
 }
 

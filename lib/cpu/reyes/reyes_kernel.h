@@ -10,6 +10,7 @@
 namespace gpurt {
 
 struct FilmView;
+struct Fragment;
 struct PathWave;
 
 // Pixels [x0, x1) x [y0, y1) with samples first_sample .. first_sample + num_samples - 1.
@@ -30,6 +31,23 @@ struct ReyesMemory {
   uint32_t *slot;   // where a sample lies in the sorted arrays
   uint32_t *first;  // of each cell
 };
+
+// Besides, for a bucket with surfaces that blend. All but the fragments are of a sample, by its slot.
+struct BlendMemory {
+  Fragment *fragments;
+  uint64_t capacity;   // of these: one at least for each sample of smallest_blend_edge x smallest_blend_edge pixels
+  uint32_t *count;     // of a sample's fragments
+  uint32_t *first;     // of them
+  Fragment *last;      // the last one that was shaded
+  float *through;      // what is seen behind it
+  float *to_standing;  // shares until the surface that stands for the sample; below 0 after it
+  Vec3f *radiance;
+  Hit *standing;    // what stands for the sample in outputs that do not blend
+  uint32_t *owner;  // of each path of a wave: its sample
+};
+
+// Buckets are not made smaller than that for want of room for fragments.
+constexpr uint32_t smallest_blend_edge = 8;
 
 // What a thread spent and did.
 struct ReyesKernelCounters {
@@ -54,6 +72,11 @@ struct ReyesKernels {
                 const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory,
                 const PathWave &wave, uint32_t wave_capacity, const FilmView &film, double (*seconds)(),
                 ReyesKernelCounters &counters);
+  /// Both, for scenes with surfaces that blend. Pixel (x, y) of the frame is pixel (x - bucket.x0, y - bucket.y0) of the film.
+  void (*blend)(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
+                const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory,
+                const BlendMemory &blend, const PathWave &wave, uint32_t wave_capacity, const FilmView &film,
+                double (*seconds)(), ReyesKernelCounters &counters);
 };
 
 /// The kernels for an instruction set variant, by its name.

@@ -5,6 +5,7 @@
 #include "core/reyes/map.h"
 #include "core/reyes/sample.h"
 #include "core/scene/surface.h"
+#include "cpu/reyes/fragments.h"
 
 namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
@@ -23,9 +24,11 @@ struct GridLight {
 // Puts micropolygons and triangles, root by root, into the samples of a block.
 class BlockSampler {
  public:
+  /// `sink` takes what is not hidden by the block's surfaces; without one the block does.
   BlockSampler(const ReyesScene &scene, const RasterProjection &projection, const SampleBlock &block,
-               bool has_own_light)
-      : scene_(scene),
+               bool has_own_light, const FragmentSink *sink)
+      : sink_(sink),
+        scene_(scene),
         projection_(projection),
         block_(block),
         origin_x_(float(block.origin_x)),
@@ -223,6 +226,12 @@ class BlockSampler {
       if (root < root_) return;
       if (root == root_ && place_key(place) >= place_key({block_.u[slot], block_.v[slot]})) return;
     }
+    if (sink_ != nullptr) {
+      const Hit hit = hit_of_root(scene_, root_, place.x, place.y, 0.0f);
+      const float opacity = opacity_at(scene_.scene, hit.triangle, hit.u, hit.v);
+      if (opacity > 0.0f) sink_->take(slot, {z, root_, place.x, place.y, opacity});
+      return;
+    }
     if (has_masks_) {
       const Hit hit = hit_of_root(scene_, root_, place.x, place.y, 0.0f);
       if (!(opacity_at(scene_.scene, hit.triangle, hit.u, hit.v) > 0.0f)) return;
@@ -234,6 +243,7 @@ class BlockSampler {
     block_.v[slot] = place.y;
   }
 
+  const FragmentSink *const sink_;
   const ReyesScene &scene_;
   const RasterProjection &projection_;
   const SampleBlock block_;
