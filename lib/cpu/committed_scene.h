@@ -21,13 +21,7 @@ class CpuScene final : public CommittedScene {
   void require_photon_statistics() const override {}
   PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
                            uint32_t points_per_axis) const override;
-  void require_reyes() const override
-  {
-    if (!scene_->has_blending) return;
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "the scene has materials that blend, which GPURT_PIPELINE_REYES does not in this version; use "
-         "GPURT_PIPELINE_PATH with max_depth 2 for direct light alone");
-  }
+  void require_reyes() const override {}
   HostKdTree export_tree(uint32_t tree) const override { return accelerator_->export_tree(tree); }
 
   Schedule resolve_schedule(const Schedule &asked, ScheduleUse) const override

@@ -109,7 +109,7 @@ void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uin
       refuse("light of lamps varies over a micropolygon's directions", "");
   }
   if (scene.environment.is_present) refuse("light of an environment comes by rays of samples", "");
-  if (scene.has_alpha_masks) refuse("alpha masks are tested at samples", "");
+  if (scene.has_alpha_masks) refuse("alpha is looked up at samples", "");
 }
 
 }  // namespace
