@@ -111,7 +111,6 @@ void check_reyes(const gpurt_render_desc &d)
   if (r.no_shadows > 1) fail_invalid("reyes.no_shadows is {}; it must be 0 or 1", r.no_shadows);
   if (!(r.flatness >= 0 && r.flatness <= 16))
     fail_invalid("reyes.flatness is {}; it must lie in [0, 16] pixels", r.flatness);
-  if (r.flatness > 0) fail(GPURT_ERROR_UNSUPPORTED, "reyes.flatness is not supported by this version; set it to 0");
   for (const uint32_t reserved : r.reserved)
     if (reserved != 0) fail_invalid("reyes.reserved is {}; it must be 0", reserved);
 }

@@ -307,6 +307,59 @@ TEST_P(Reyes, OutlinesImproveWithTheShadingRate)
   EXPECT_GT(last, 0);
 }
 
+// Where the surface allows it, micropolygons are larger, and outlines move by less than was allowed: pixels all of whose
+// neighbours are covered, or none, stay so.
+TEST_P(Reyes, DicesFlatRegionsCoarser)
+{
+  if (GetParam() == GPURT_DEVICE_CUDA) GTEST_SKIP() << "flatness is the CPU's alone";
+  Device device = make_device(GetParam());
+  std::mt19937_64 rng(6);
+  for (const auto &nets : {closed_patches(1, 0.2, 61), closed_patches(3, 0.15, 62), poles(5)}) {
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+    add_patches(scene, nets);
+    constexpr uint32_t num = 3, size = 64;
+    for (uint32_t i = 0; i < num; ++i) {
+      std::array<double, 3> eye;
+      for (double &c : eye) c = uniform(rng, -2, 2);
+      add_turned_camera(scene, eye, rng, 1.2f);
+    }
+    coarse_commit(scene);
+    uint64_t last = 0;
+    for (const float flatness : {0.0f, 0.05f, 0.95f}) {
+      uint64_t num_micropolygons = 0, num_seen = 0, num_moved = 0;
+      for (uint32_t i = 0; i < num; ++i) {
+        RenderOptions o = reyes_options(size, 9);
+        const std::vector<int> fine = covered_samples(scene, o, i);
+        o.reyes.flatness = flatness;
+        Frame frame = camera_frame(scene, o, i);
+        render(frame, o);
+        num_micropolygons += statistics_of(frame).reyes_counters.num_micropolygons;
+        const std::vector<int> coarse = covered_samples(scene, o, i);
+        for (uint32_t y = 1; y + 1 < size; ++y) {
+          for (uint32_t x = 1; x + 1 < size; ++x) {
+            int least = 9, most = 0;
+            for (uint32_t k = 0; k < 9; ++k) {
+              const int c = fine[(y + k / 3 - 1) * size + x + k % 3 - 1];
+              least = std::min(least, c);
+              most = std::max(most, c);
+            }
+            const int c = coarse[y * size + x];
+            num_moved += c != fine[y * size + x];
+            num_seen += c != 0;
+            ASSERT_TRUE((least < 9 || c == 9) && (most > 0 || c == 0)) << "camera " << i << ", pixel " << x << ", " << y;
+          }
+        }
+      }
+      std::printf("flatness %g: %llu micropolygons, %llu of %llu pixels differ\n", double(flatness),
+                  static_cast<unsigned long long>(num_micropolygons), static_cast<unsigned long long>(num_moved),
+                  static_cast<unsigned long long>(num_seen));
+      EXPECT_TRUE(flatness == 0 ? num_moved == 0 : num_micropolygons <= last);
+      last = num_micropolygons;
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Cpu, Reyes, ::testing::Values(GPURT_DEVICE_CPU));
 INSTANTIATE_TEST_SUITE_P(Cuda, Reyes, ::testing::Values(GPURT_DEVICE_CUDA));
 

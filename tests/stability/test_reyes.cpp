@@ -93,6 +93,7 @@ TEST_P(ReyesRows, Row37Cracks)
       // Rates for which neighbours take different numbers of segments.
       RenderOptions o = reyes_options(24, 9, std::array{0.25f, 0.7f, 3.0f, 40.0f}[i % 4]);
       o.seed = i;
+      if (!method().is_cuda()) o.reyes.flatness = std::array{0.0f, 0.1f, 0.0f, 2.0f}[i / 4 % 4];
       for (const int covered : covered_samples(scene, o, i)) bad += uint64_t(9 - covered);
       total += 24 * 24 * 9;
     }

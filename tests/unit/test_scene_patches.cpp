@@ -224,7 +224,10 @@ TEST(ScenePatches, CompileToTrianglesOfTheirGeometry)
   const uint32_t g = add_patches(d, make_patches({random_net(random, 1), random_net(random, 1)}), 0);
   add_instance(d, g, scaling(2, 2, 2));
   const CompiledScene s = compile_scene(d, 0.01f);
-  const uint32_t n = tessellation_rate(d.geometries[g].patches, 0.01f);
+  // The tolerance is one of the world, where the patches are twice as large.
+  const uint32_t n = tessellation_rate(d.geometries[g].patches, 0.01f, 2);
+  EXPECT_NEAR(s.patch_error, 2 * tessellation_error(d.geometries[g].patches, n), 1e-12);
+  EXPECT_LE(s.patch_error, 0.01);
   EXPECT_EQ(s.num_patches, 2u);
   EXPECT_EQ(s.indices.size(), 4u * n * n);
   EXPECT_EQ(s.segments[0].geometry, g);

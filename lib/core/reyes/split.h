@@ -37,6 +37,14 @@ enum class PieceAction : uint32_t { Cull, Dice, SplitU, SplitV, SplitBoth };
 struct DiceSettings {
   float inv_edge;                 // segments a pixel of an edge
   float half_width, half_height;  // of the image in pixels
+  float flatness = 0.0f;          // pixels that larger segments may leave the surface by; 0: there are none
+};
+
+// The box of projected control points, and their least w.
+struct ProjectedHull {
+  float x, y;          // its centre
+  float half_x, half_y;
+  float least_w;
 };
 
 GPURT_FUNCTIONS_BEGIN
@@ -60,6 +68,57 @@ GPURT_INLINE uint32_t segment_bits(float x)
   // The mean of 2^j and 2^(j + 1) in proportion.
   for (float limit = 1.41421356f; bits <= max_segment_bits && !(x <= limit); limit *= 2.0f) ++bits;
   return bits;
+}
+
+GPURT_HD inline ProjectedHull projected_hull(const float *x, const float *y, const float *w, int n)
+{
+  float x0 = infinity, x1 = -infinity, y0 = infinity, y1 = -infinity, least_w = infinity;
+  for (int i = 0; i < n; ++i) {
+    const float inv_w = 1.0f / w[i], px = x[i] * inv_w, py = y[i] * inv_w;
+    x0 = min(x0, px);
+    x1 = max(x1, px);
+    y0 = min(y0, py);
+    y1 = max(y1, py);
+    least_w = min(least_w, w[i]);
+  }
+  return {0.5f * (x0 + x1), 0.5f * (y0 + y1), 0.5f * (x1 - x0), 0.5f * (y1 - y0), least_w};
+}
+
+// How far a difference of homogeneous points, of a function that vanishes at a point of the hull, moves points on the image at
+// most: its distance to the line through the eye and that point.
+GPURT_INLINE float raster_length(const ProjectedHull &hull, float dx, float dy, float dw)
+{
+  const float x = abs(dx - hull.x * dw) + hull.half_x * abs(dw), y = abs(dy - hull.y * dw) + hull.half_y * abs(dw);
+  return sqrt(x * x + y * y) / hull.least_w;
+}
+
+// log2 of the least segments whose number, squared, is x; max_segment_bits + 1: too many.
+GPURT_INLINE uint32_t bits_of_square(float x)
+{
+  uint32_t bits = 0;
+  for (float limit = 1.0f; bits <= max_segment_bits && !(x <= limit); limit *= 4.0f) ++bits;
+  return bits;
+}
+
+// log2 of the segments with which the range stays within `tolerance` pixels of its chords. A chord of a curve C over a
+// parameter's step s is within s^2 max |C''| / 8 of it; C'' of a cubic is linear, and so largest at an end. What is measured
+// is the curve's distance to the plane through the eye and the chord, over w: the distance on the image.
+GPURT_HD inline uint32_t flat_segment_bits(const float (&x)[4], const float (&y)[4], const float (&w)[4], uint32_t k0,
+                                           uint32_t bits, float tolerance)
+{
+  if (!(min(min(w[0], w[3]), min(w[1], w[2])) >= smallest_w)) return max_segment_bits + 1;
+  const ProjectedHull hull = projected_hull(x, y, w, 4);
+  const auto second = [](const float (&p)[4], float a, float b) {
+    return ((p[0] + p[2]) - 2.0f * p[1]) * a + ((p[3] + p[1]) - 2.0f * p[2]) * b;
+  };
+  float largest = 0.0f;
+  for (uint32_t end = 0; end < 2; ++end) {
+    const uint32_t k = k0 + (end << bits);
+    const float a = parameter(parameter_one - k), b = parameter(k);
+    largest = max(largest, raster_length(hull, second(x, a, b), second(y, a, b), second(w, a, b)));
+  }
+  const float step = parameter(1u << bits);
+  return bits_of_square(0.75f * step * step * largest / tolerance);
 }
 
 // Decides the range [k0, k0 + 2^bits] of the isoline with the given control points: the distance of its vertices, or
@@ -86,7 +145,9 @@ GPURT_HD inline uint8_t decide_edge(const float (&x)[4], const float (&y)[4], co
   }
   const float longest = 4.0f * max(max(chord[0], chord[3]), max(chord[1], chord[2]));
   const float sum = (chord[0] + chord[3]) + (chord[1] + chord[2]);
-  const uint32_t segments = segment_bits(longest * dice.inv_edge);
+  uint32_t segments = segment_bits(longest * dice.inv_edge);
+  if (dice.flatness > 0.0f && segments > 0)
+    segments = min(segments, flat_segment_bits(x, y, w, k0, bits, 0.5f * dice.flatness));
   // Segments that would differ much in length: the halves can do better.
   const bool is_uneven = segments >= 2 && longest > 1.75f * sum;
   if ((segments > max_segment_bits || is_uneven) && bits > smallest_piece_bits) return open_edge;
@@ -232,6 +293,39 @@ GPURT_HD inline void polygon_lengths(const float *x, const float *y, const float
   }
 }
 
+// Makes the lengths of a piece in front of the eye no longer than its curvature wants them. Between the corners of cells of
+// 1/m by 1/n, bilinear or in two triangles, a surface S leaves them by at most (|Suu| / m^2 + 2 |Suv| / (m n) + |Svv| / n^2)
+// / 8; a quarter of what is allowed for each, and a quarter for cells at edges that others decide.
+// Source: Filip, Magedson and Markot 1986, as for tessellation; here on the image.
+GPURT_HD inline void shorten_flat(const RasterPatch &part, const DiceSettings &dice, float &length_u, float &length_v)
+{
+  const ProjectedHull hull = projected_hull(part.x, part.y, part.w, 16);
+  const float *x = part.x, *y = part.y, *w = part.w;
+  float uu = 0.0f, uv = 0.0f, vv = 0.0f;
+  for (int r = 0; r < 4; ++r) {
+    for (int c = 0; c < 2; ++c) {
+      const int i = 4 * r + c, j = 4 * c + r;
+      uu = max(uu, raster_length(hull, x[i] - 2.0f * x[i + 1] + x[i + 2], y[i] - 2.0f * y[i + 1] + y[i + 2],
+                                 w[i] - 2.0f * w[i + 1] + w[i + 2]));
+      vv = max(vv, raster_length(hull, x[j] - 2.0f * x[j + 4] + x[j + 8], y[j] - 2.0f * y[j + 4] + y[j + 8],
+                                 w[j] - 2.0f * w[j + 4] + w[j + 8]));
+    }
+  }
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) {
+      const int i = 4 * r + c;
+      uv = max(uv, raster_length(hull, x[i + 5] - x[i + 4] - x[i + 1] + x[i], y[i + 5] - y[i + 4] - y[i + 1] + y[i],
+                                 w[i + 5] - w[i + 4] - w[i + 1] + w[i]));
+    }
+  }
+  const float inv_quarter = 4.0f / dice.flatness;
+  const float both = 2.25f * uv * inv_quarter;
+  const uint32_t bits_u = bits_of_square(max(0.75f * uu * inv_quarter, both)),
+                 bits_v = bits_of_square(max(0.75f * vv * inv_quarter, both));
+  length_u = min(length_u, float(1u << bits_u) / dice.inv_edge);
+  length_v = min(length_v, float(1u << bits_v) / dice.inv_edge);
+}
+
 // What becomes of a piece whose edges are decided; for Dice, its grid. The lengths are the largest of polygon_lengths.
 GPURT_HD inline PieceAction choose_action(Piece &p, bool is_in_front, float length_u, float length_v,
                                           const DiceSettings &dice)
@@ -279,6 +373,7 @@ GPURT_HD inline PieceAction decide_piece(const RasterPatch &patch, const RasterP
     length_u = max(length_u, along_u);
     length_v = max(length_v, along_v);
   }
+  if (dice.flatness > 0.0f && is_in_front) shorten_flat(part, dice, length_u, length_v);
   return choose_action(p, is_in_front, length_u, length_v, dice);
 }
 

@@ -238,7 +238,7 @@ void put_roots(const ReyesScene &scene, const PathSettings &settings, const Reye
 {
   const RasterProjection projection = raster_projection(settings.camera);
   const DiceSettings dice{1.0f / sqrt(reyes.shading_rate), 0.5f * float(settings.camera.width),
-                          0.5f * float(settings.camera.height)};
+                          0.5f * float(settings.camera.height), reyes.flatness};
   const bool has_own_light = reyes.shading != ReyesShading::Samples;
   BlockSampler sampler(scene, projection, block, has_own_light, sink);
   const OwnLight own =

@@ -153,8 +153,13 @@ class ReyesRenderer {
 
 }  // namespace
 
-ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &)
+ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings)
 {
+  if (settings.flatness > 0) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "reyes.flatness is {}, which this version has on CPU devices alone; set it to 0, or use one",
+         settings.flatness);
+  }
   if (asked.launch != Launch::Auto && asked.launch != Launch::Rounds) {
     fail(GPURT_ERROR_UNSUPPORTED,
          "schedule.launch is {}, but this version's GPURT_PIPELINE_REYES cuts patches by GPURT_LAUNCH_ROUNDS "
