@@ -38,7 +38,7 @@ class ReyesRows : public Stability {
       GPURT_EXPECT_OK(gpurt_job_wait(job, GPURT_WAIT_FOREVER));
       return true;
     }
-    EXPECT_EQ(result, GPURT_ERROR_UNSUPPORTED);
+    EXPECT_EQ(result, GPURT_ERROR_UNSUPPORTED) << gpurt_last_error();
     EXPECT_NE(std::string(gpurt_last_error()).find("blend"), std::string::npos);
     return false;
   }
@@ -181,7 +181,7 @@ TEST_P(ReyesRows, Row39LayersThatBlend)
     through *= 1 - double(alpha);
   }
   for (double &c : expected) c += through;
-  RenderOptions o = reyes_options(16, 16, 4.0f);
+  RenderOptions o = reyes_options(12, 16, 4.0f);
   o.max_depth = 1;
   uint64_t bad = 0, total = 0;
   double worst = 0;
@@ -190,7 +190,7 @@ TEST_P(ReyesRows, Row39LayersThatBlend)
   for (const uint64_t limit : {uint64_t(0), uint64_t(8) << 20}) {
     Device device;
     const Scene scene = scene_on(device, 1, limit, fill);
-    if (!blends(scene)) GTEST_SKIP() << "no blending";
+    if (limit == 0 && !blends(scene)) GTEST_SKIP() << "no blending";
     Frame frame = make_frame(scene, o);
     render(frame, o);
     const std::vector<float> color = read_color(frame, o);
@@ -231,10 +231,10 @@ TEST_P(ReyesRows, Row40DepthTies)
   for (const auto &[threads, tile, limit] : {std::tuple{1u, 0u, uint64_t(0)},
                                              {2u, 16u, uint64_t(0)},
                                              {2u, 7u, uint64_t(0)},
-                                             {1u, 64u, uint64_t(10) << 20}}) {
+                                             {1u, 64u, uint64_t(20) << 20}}) {
     Device device;
     const Scene scene = scene_on(device, threads, limit, fill);
-    if (!blends(scene)) GTEST_SKIP() << "no blending";
+    if (first.empty() && !blends(scene)) GTEST_SKIP() << "no blending";
     RenderOptions o = reyes_options(48, 9);
     o.tile_size = tile;
     Frame frame = make_frame(scene, o);
@@ -263,12 +263,12 @@ TEST_P(ReyesRows, Row41ShadingRate)
   build.patch_tolerance = 2e-4f;
   GPURT_ASSERT_OK(gpurt_scene_commit(scene, &build));
   const auto image = [&](float rate) {
-    RenderOptions o = reyes_options(96, 16, rate);
+    RenderOptions o = reyes_options(64, 16, rate);
     Frame frame = make_frame(scene, o);
     render(frame, o);
     return read_color(frame, o);
   };
-  const std::vector<float> reference = image(1.0f / 64);
+  const std::vector<float> reference = image(1.0f / 32);
   uint64_t bad = 0;
   double last = 0;
   std::string note = "RMS error";
@@ -434,13 +434,12 @@ TEST_P(ReyesRows, Row52StarvedQueue)
       const size_t i = pick(rng, tiles.size());
       gpurt_tile &t = tiles[i];
       const bool along_x = rng() & 1;
-      const uint32_t extent = along_x ? t.width : t.height;
+      const uint32_t extent = along_x ? t.x1 - t.x0 : t.y1 - t.y0;
       if (extent < 2) continue;
-      const uint32_t at = 1 + uint32_t(rng() % (extent - 1));
+      const uint32_t at = (along_x ? t.x0 : t.y0) + 1 + uint32_t(rng() % (extent - 1));
       gpurt_tile rest = t;
-      (along_x ? t.width : t.height) = at;
-      (along_x ? rest.width : rest.height) = extent - at;
-      (along_x ? rest.x : rest.y) += at;
+      (along_x ? t.x1 : t.y1) = at;
+      (along_x ? rest.x0 : rest.y0) = at;
       tiles.push_back(rest);
     }
     for (size_t i = tiles.size(); i > 1; --i) std::swap(tiles[i - 1], tiles[pick(rng, i)]);

@@ -65,11 +65,21 @@ GPURT_HD inline bool can_be_seen(const float *x, const float *y, const float *w,
   return can_be_seen(reach, largest, rect);
 }
 
+// Whether all points are as good as behind the eye. A patch in front of nothing, or one that lies in the eye, could be cut
+// forever: no part of it is ever before the eye.
+GPURT_HD inline bool is_behind(const float *w, int n)
+{
+  float most = w[0];
+  for (int i = 1; i < n; ++i) most = max(most, w[i]);
+  return !(most >= smallest_w);
+}
+
 // Pixels that the hull of n points may touch; false: none of the image.
 GPURT_HD inline bool raster_box(const float *x, const float *y, const float *w, int n, uint32_t width,
                                 uint32_t height, RasterBox &box)
 {
   const float half_w = 0.5f * float(width), half_h = 0.5f * float(height);
+  if (is_behind(w, n)) return false;
   const RasterPoint largest = largest_coordinates(x, y, w, n);
   if (!can_be_seen(x, y, w, n, largest, {-half_w - 1.0f, -half_h - 1.0f, half_w + 1.0f, half_h + 1.0f}))
     return false;

@@ -270,6 +270,7 @@ void put_roots(const ReyesScene &scene, const PathSettings &settings, const Reye
     if (scene.patches[range.segment].num_patches != 0) {
       RasterPatch patch;
       transform_patch(scene, projection, range, primitive, patch);
+      if (is_behind(patch.w, 16)) continue;
       const RasterPoint largest = largest_coordinates(patch.x, patch.y, patch.w, 16);
       sampler.begin_root(root, largest);
       counters.num_patches++;
