@@ -299,7 +299,8 @@ typedef struct gpurt_material_desc {
   float emission[3];           /* radiance, W/(m^2 sr) up to the lights' scale; zero: not a lamp */
   uint32_t base_color_texture; /* multiplies base_color; 0: none */
   uint32_t two_sided_emission; /* 0: emits from the counter-clockwise side alone; 1: from both */
-  uint32_t blends; /* 1: alpha is opacity: of light, 1 - alpha passes straight on; wants alpha_cutoff 0 */
+  uint32_t blends; /* 1: alpha is opacity: of light, 1 - alpha passes straight on; wants alpha_cutoff 0.
+                      This version: CPU devices; a CUDA device's commit is UNSUPPORTED */
 } gpurt_material_desc;
 #define GPURT_MATERIAL_DESC_INIT \
   {sizeof(gpurt_material_desc), GPURT_MATERIAL_LAMBERT, {1, 1, 1}, 1, 0, 1, 0, {0, 0, 0}, 0, 0, 0}
