@@ -81,7 +81,8 @@ std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build
           return;
         }
         const std::string what = fmt::format(
-            "the committed scene with the {} triangles of its patches, of which a larger patch_tolerance takes fewer",
+            "the committed scene with the {} triangles of its patches, of which a larger patch_tolerance "
+            "takes fewer",
             patch_triangles);
         commit->reservation.resize(bytes, what.c_str());
       }));

@@ -219,7 +219,8 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
     }
     if (scene->has_blending) {
       fail(GPURT_ERROR_UNSUPPORTED,
-           "the scene has materials that blend, which this version has on CPU devices alone; use one, or set blends to 0");
+           "the scene has materials that blend, which this version has on CPU devices alone; use one, or set "
+           "blends to 0");
     }
     switch (options.accel) {
       case Accel::Bvh:

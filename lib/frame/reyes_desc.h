@@ -16,7 +16,11 @@ inline bool operator==(const ReyesSettings &a, const ReyesSettings &b)
 
 inline gpurt_reyes_settings public_settings(const ReyesSettings &s)
 {
-  return {s.shading_rate, gpurt_reyes_filter(s.filter), gpurt_reyes_shading(s.shading), s.no_shadows, s.flatness,
+  return {s.shading_rate,
+          gpurt_reyes_filter(s.filter),
+          gpurt_reyes_shading(s.shading),
+          s.no_shadows,
+          s.flatness,
           {0}};
 }
 
@@ -26,9 +30,9 @@ inline std::string describe(const ReyesSettings &s)
   if (s.shading_rate == 0) return "another pipeline";
   static constexpr const char *filters[] = {"auto", "box", "gaussian", "mitchell"};
   static constexpr const char *shadings[] = {"auto", "samples", "micropolygons", "blocks"};
-  return fmt::format("reyes with shading rate {}, flatness {}, filter {}, shading of {}, {} shadows", s.shading_rate, s.flatness,
-                     filters[uint32_t(s.filter) & 3], shadings[uint32_t(s.shading) & 3],
-                     s.no_shadows ? "no" : "with");
+  return fmt::format("reyes with shading rate {}, flatness {}, filter {}, shading of {}, {} shadows",
+                     s.shading_rate, s.flatness, filters[uint32_t(s.filter) & 3],
+                     shadings[uint32_t(s.shading) & 3], s.no_shadows ? "no" : "with");
 }
 
 inline gpurt_reyes_counters public_counters(const ReyesCounters &c)

@@ -108,7 +108,8 @@ uint32_t add_texture(SceneData &scene, TextureData texture)
     fail_invalid("the texture has {} bytes of texels; {} x {} texels of its format take {}",
                  texture.texels ? texture.texels->size() : 0, texture.width, texture.height, expected);
   }
-  check_texels(texture, [](float x, int) { return !is_finite(x); }, "it must be finite");
+  check_texels(
+      texture, [](float x, int) { return !is_finite(x); }, "it must be finite");
   scene.textures.push_back(std::move(texture));
   return uint32_t(scene.textures.size() - 1);
 }
@@ -147,7 +148,8 @@ uint32_t add_material(SceneData &scene, const MaterialSettings &settings)
     fail_invalid("alpha_cutoff is {}; it must be finite and not negative", settings.alpha_cutoff);
   }
   if (settings.blends && settings.alpha_cutoff > 0) {
-    fail_invalid("the material blends, and alpha_cutoff is {}; set it to 0, or blends to 0", settings.alpha_cutoff);
+    fail_invalid("the material blends, and alpha_cutoff is {}; set it to 0, or blends to 0",
+                 settings.alpha_cutoff);
   }
   check_radiance(settings.emission, "emission");
   Material m = default_material();

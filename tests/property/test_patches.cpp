@@ -73,7 +73,8 @@ TEST_P(Patches, TrianglesStayWithinTheBoundInTheWorld)
 {
   Device device = make_device(GetParam());
   std::mt19937_64 rng(1);
-  const std::array<float, 12> large = {3, 0, 0, 1, 0, 0, -2, 0, 0, 2, 0, 5}, small = {0.1f, 0, 0, -9, 0, 0.2f, 0, 0, 0, 0, 0.1f, 0};
+  const std::array<float, 12> large = {3, 0, 0, 1, 0, 0, -2, 0, 0, 2, 0, 5},
+                              small = {0.1f, 0, 0, -9, 0, 0.2f, 0, 0, 0, 0, 0.1f, 0};
   for (const auto &places : {std::vector{large}, std::vector{large, small}}) {
     for (const float tolerance : {0.03f, 0.001f, 0.0f}) {
       const std::vector<PatchNet> nets = closed_patches(2, 0.15, 77);
@@ -143,7 +144,8 @@ TEST_P(Patches, LeaveNoCracksForRays)
       const double along = i % 7 == 0 ? double(rng() & 1) : uniform(rng);
       const double side = double(rng() & 1);
       const bool is_row = rng() & 1;
-      const SurfacePoint s = evaluate(nets[pick(rng, nets.size())], is_row ? along : side, is_row ? side : along);
+      const SurfacePoint s =
+          evaluate(nets[pick(rng, nets.size())], is_row ? along : side, is_row ? side : along);
       const Point3 p = transformed({1.3f, 0.2f, 0, 3, -0.1f, 0.9f, 0.3f, 1, 0, 0.1f, 1.1f, -2}, s.p, 1);
       gpurt_ray ray{};
       const double center[3] = {3, 1, -2};

@@ -347,13 +347,14 @@ TEST_P(Reyes, DicesFlatRegionsCoarser)
             const int c = coarse[y * size + x];
             num_moved += c != fine[y * size + x];
             num_seen += c != 0;
-            ASSERT_TRUE((least < 9 || c == 9) && (most > 0 || c == 0)) << "camera " << i << ", pixel " << x << ", " << y;
+            ASSERT_TRUE((least < 9 || c == 9) && (most > 0 || c == 0))
+                << "camera " << i << ", pixel " << x << ", " << y;
           }
         }
       }
       std::printf("flatness %g: %llu micropolygons, %llu of %llu pixels differ\n", double(flatness),
-                  static_cast<unsigned long long>(num_micropolygons), static_cast<unsigned long long>(num_moved),
-                  static_cast<unsigned long long>(num_seen));
+                  static_cast<unsigned long long>(num_micropolygons),
+                  static_cast<unsigned long long>(num_moved), static_cast<unsigned long long>(num_seen));
       EXPECT_TRUE(flatness == 0 ? num_moved == 0 : num_micropolygons <= last);
       last = num_micropolygons;
     }

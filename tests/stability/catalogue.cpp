@@ -112,7 +112,8 @@ const std::vector<CatalogueRow> &catalogue()
        "0 background samples", nullptr},
       {38, "Eye split",
        "1000 random cameras about closed surfaces, half of them near or within; planes through the eye",
-       "0 background samples within outlines; planes: coverage as rays see it, within a sample of a pixel", nullptr},
+       "0 background samples within outlines; planes: coverage as rays see it, within a sample of a pixel",
+       nullptr},
       {39, "A-buffer overflow", "500 layers, alpha 0.02, with and without room for all of them",
        "within 1e-4 of closed form, the same bits", nullptr},
       {40, "Depth ties", "coincident transparent quads and patches; threads, tiles, memory", "identical bits",
@@ -120,8 +121,8 @@ const std::vector<CatalogueRow> &catalogue()
       {41, "Shading rate", "checker of patches at 0.25, 1, 4, 16, 64", "error monotone in rate", nullptr},
       {42, "Displacement bound", "spike beyond the bound", "warned, bound enlarged, or error", no_reyes},
       {43, "Degenerate patch", "pole, zero-length side, identical points", "finite image", nullptr},
-      {44, "Needle patch", "1000:1, curved, in three directions", "micropolygons <= 4x covered area / rate + edges",
-       nullptr},
+      {44, "Needle patch", "1000:1, curved, in three directions",
+       "micropolygons <= 4x covered area / rate + edges", nullptr},
       {45, "Motion past the eye", "patch crossing near during the shutter", "equals ray trace within noise",
        no_reyes},
       {46, "Hybrid mismatch", "displaced plane, low sun", "< 0.1 % of pixels differ over 5 %", no_hybrid},
@@ -132,7 +133,8 @@ const std::vector<CatalogueRow> &catalogue()
       {50, "CPU against GPU", "rays of all kinds at the six meshes, and a path-traced image", "same bits",
        nullptr},
       {51, "Long call", "a render of hours, cancelled", "ends within 0.5 s", nullptr},
-      {52, "Starved queue", "one heavy corner; 10^4 random cuts into tiles, orders, numbers of jobs", "ends, the same bits", nullptr},
+      {52, "Starved queue", "one heavy corner; 10^4 random cuts into tiles, orders, numbers of jobs",
+       "ends, the same bits", nullptr},
   };
   return rows;
 }

@@ -148,7 +148,8 @@ TEST_P(ReyesRows, Row38EyeSplit)
                          theirs = covered_samples(scene, path_options(o), 0);
   for (size_t p = 0; p < ours.size(); ++p) bad += std::abs(ours[p] - theirs[p]) > 1;
   total += ours.size() + 1;
-  record(38, method(), bad, total, text_of("%.0f cameras; %.0f cuts of planes through the eye", 4.0 * num + 1, double(num_splits)));
+  record(38, method(), bad, total,
+         text_of("%.0f cameras; %.0f cuts of planes through the eye", 4.0 * num + 1, double(num_splits)));
 }
 
 TEST_P(ReyesRows, Row39LayersThatBlend)
@@ -156,7 +157,8 @@ TEST_P(ReyesRows, Row39LayersThatBlend)
   constexpr uint32_t num_layers = 500;
   constexpr float alpha = 0.02f;
   const auto fill = [](gpurt_scene scene) {
-    const std::array<uint32_t, 3> materials = {add_glow(scene, {1, 0, 0}, alpha), add_glow(scene, {0, 1, 0}, alpha),
+    const std::array<uint32_t, 3> materials = {add_glow(scene, {1, 0, 0}, alpha),
+                                               add_glow(scene, {0, 1, 0}, alpha),
                                                add_glow(scene, {0, 0, 1}, alpha)};
     // In no order: layer i lies at -i / 1000.
     std::vector<uint32_t> order(num_layers);
@@ -206,8 +208,8 @@ TEST_P(ReyesRows, Row39LayersThatBlend)
 TEST_P(ReyesRows, Row40DepthTies)
 {
   const auto fill = [](gpurt_scene scene) {
-    const std::array<uint32_t, 3> materials = {add_glow(scene, {1, 0, 0}, 0.5f), add_glow(scene, {0, 1, 0}, 0.3f),
-                                               add_glow(scene, {0, 0, 1}, 0.7f)};
+    const std::array<uint32_t, 3> materials = {
+        add_glow(scene, {1, 0, 0}, 0.5f), add_glow(scene, {0, 1, 0}, 0.3f), add_glow(scene, {0, 0, 1}, 0.7f)};
     std::vector<PatchNet> nets = closed_patches(1, 0.2, 40);
     const std::vector<PatchNet> once = nets;
     nets.insert(nets.end(), once.begin(), once.end());
@@ -380,7 +382,8 @@ TEST_P(ReyesRows, Row47SplitQueueBound)
       if (is_limited) {
         gpurt_device_properties p = GPURT_DEVICE_PROPERTIES_INIT;
         GPURT_EXPECT_OK(gpurt_device_get_properties(last_device_, &p));
-        limit = p.memory_used_bytes + std::max(working / 16, (method().is_cuda() ? uint64_t(24) : uint64_t(6)) << 20);
+        limit = p.memory_used_bytes +
+                std::max(working / 16, (method().is_cuda() ? uint64_t(24) : uint64_t(6)) << 20);
       }
       Scene scene = scene_on(device, 1, limit, fill);
       Frame frame = make_frame(scene, c.options);
@@ -392,7 +395,8 @@ TEST_P(ReyesRows, Row47SplitQueueBound)
       else first = color;
       bad += std::memcmp(first.data(), color.data(), color.size() * sizeof(float)) != 0;
       total += 2;
-      note += text_of("%.1f MB, queue of %.0f; ", double(working) / 1e6, double(s.reyes_counters.largest_queue));
+      note +=
+          text_of("%.1f MB, queue of %.0f; ", double(working) / 1e6, double(s.reyes_counters.largest_queue));
       last_frame_ = std::move(frame);
       last_scene_ = std::move(scene);
       last_device_ = std::move(device);
@@ -459,7 +463,8 @@ TEST_P(ReyesRows, Row52StarvedQueue)
     }
     const std::vector<float> color = read_color(frame, o);
     bad += std::memcmp(reference.data(), color.data(), color.size() * sizeof(float)) != 0;
-    longest = std::max(longest, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    longest =
+        std::max(longest, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
   }
   bad += longest > 60;
   record(52, method(), bad, num, text_of("the longest took %.2f s", longest));

@@ -234,8 +234,9 @@ void BuildOptions::add_to(CLI::App &command)
       ->type_name("NAME")
       ->capture_default_str();
   command
-      .add_option("--patch-tolerance", patch_tolerance,
-                  "largest distance of patches and the triangles that rays meet; 0: 1e-4 of the patches' diagonal")
+      .add_option(
+          "--patch-tolerance", patch_tolerance,
+          "largest distance of patches and the triangles that rays meet; 0: 1e-4 of the patches' diagonal")
       ->type_name("METRES");
   command
       .add_option("--tree-cache", tree_cache,

@@ -267,8 +267,10 @@ void add_render_command(CLI::App &program)
       ->check(CLI::IsMember({"samples", "micropolygons", "blocks"}))
       ->type_name("NAME")
       ->capture_default_str();
-  command->add_option("--flatness", o->flatness,
-                      "reyes: micropolygons may be larger where they stay within PIXELS of the surface; 0: none are")
+  command
+      ->add_option(
+          "--flatness", o->flatness,
+          "reyes: micropolygons may be larger where they stay within PIXELS of the surface; 0: none are")
       ->type_name("PIXELS");
   command->add_flag("--no-shadows", o->no_shadows, "reyes: nothing stands between surfaces and lights");
   command->add_option("--seed", o->seed, "another seed gives independent noise")->capture_default_str();

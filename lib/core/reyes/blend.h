@@ -11,7 +11,7 @@
 namespace gpurt {
 
 struct Fragment {
-  float z;        // 1 / w
+  float z;  // 1 / w
   uint32_t root;
   float u, v;     // place on it
   float opacity;  // above 0

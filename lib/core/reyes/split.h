@@ -42,7 +42,7 @@ struct DiceSettings {
 
 // The box of projected control points, and their least w.
 struct ProjectedHull {
-  float x, y;          // its centre
+  float x, y;  // its centre
   float half_x, half_y;
   float least_w;
 };
@@ -88,7 +88,8 @@ GPURT_HD inline ProjectedHull projected_hull(const float *x, const float *y, con
 // most: its distance to the line through the eye and that point.
 GPURT_INLINE float raster_length(const ProjectedHull &hull, float dx, float dy, float dw)
 {
-  const float x = abs(dx - hull.x * dw) + hull.half_x * abs(dw), y = abs(dy - hull.y * dw) + hull.half_y * abs(dw);
+  const float x = abs(dx - hull.x * dw) + hull.half_x * abs(dw),
+              y = abs(dy - hull.y * dw) + hull.half_y * abs(dw);
   return sqrt(x * x + y * y) / hull.least_w;
 }
 
@@ -103,12 +104,12 @@ GPURT_INLINE uint32_t bits_of_square(float x)
 // log2 of the segments with which the range stays within `tolerance` pixels of its chords. A chord of a curve C over a
 // parameter's step s is within s^2 max |C''| / 8 of it; C'' of a cubic is linear, and so largest at an end. What is measured
 // is the curve's distance to the plane through the eye and the chord, over w: the distance on the image.
-GPURT_HD inline uint32_t flat_segment_bits(const float (&x)[4], const float (&y)[4], const float (&w)[4], uint32_t k0,
-                                           uint32_t bits, float tolerance)
+GPURT_HD inline uint32_t flat_segment_bits(const float (&x)[4], const float (&y)[4], const float (&w)[4],
+                                           uint32_t k0, uint32_t bits, float tolerance)
 {
   if (!(min(min(w[0], w[3]), min(w[1], w[2])) >= smallest_w)) return max_segment_bits + 1;
   const ProjectedHull hull = projected_hull(x, y, w, 4);
-  const auto second = [](const float (&p)[4], float a, float b) {
+  const auto second = [](const float(&p)[4], float a, float b) {
     return ((p[0] + p[2]) - 2.0f * p[1]) * a + ((p[3] + p[1]) - 2.0f * p[2]) * b;
   };
   float largest = 0.0f;
@@ -297,7 +298,8 @@ GPURT_HD inline void polygon_lengths(const float *x, const float *y, const float
 // 1/m by 1/n, bilinear or in two triangles, a surface S leaves them by at most (|Suu| / m^2 + 2 |Suv| / (m n) + |Svv| / n^2)
 // / 8; a quarter of what is allowed for each, and a quarter for cells at edges that others decide.
 // Source: Filip, Magedson and Markot 1986, as for tessellation; here on the image.
-GPURT_HD inline void shorten_flat(const RasterPatch &part, const DiceSettings &dice, float &length_u, float &length_v)
+GPURT_HD inline void shorten_flat(const RasterPatch &part, const DiceSettings &dice, float &length_u,
+                                  float &length_v)
 {
   const ProjectedHull hull = projected_hull(part.x, part.y, part.w, 16);
   const float *x = part.x, *y = part.y, *w = part.w;
@@ -314,8 +316,9 @@ GPURT_HD inline void shorten_flat(const RasterPatch &part, const DiceSettings &d
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) {
       const int i = 4 * r + c;
-      uv = max(uv, raster_length(hull, x[i + 5] - x[i + 4] - x[i + 1] + x[i], y[i + 5] - y[i + 4] - y[i + 1] + y[i],
-                                 w[i + 5] - w[i + 4] - w[i + 1] + w[i]));
+      uv = max(uv,
+               raster_length(hull, x[i + 5] - x[i + 4] - x[i + 1] + x[i],
+                             y[i + 5] - y[i + 4] - y[i + 1] + y[i], w[i + 5] - w[i + 4] - w[i + 1] + w[i]));
     }
   }
   const float inv_quarter = 4.0f / dice.flatness;

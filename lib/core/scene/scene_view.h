@@ -126,7 +126,7 @@ struct SceneView {
   uint32_t num_materials;
   uint32_t num_tree_lights;     // leaves of the light tree
   uint32_t num_distant_lights;  // lights[num_tree_lights ...]
-  uint32_t has_alpha_masks;       // or materials that blend: not every hit counts
+  uint32_t has_alpha_masks;     // or materials that blend: not every hit counts
   uint32_t has_blending;
   // How far a hit's point on the ray may lie off the triangle, in units of the triangle's extent seen from there: not 0
   // for accelerators that compute t in single precision, which would hit the triangle that a ray has just left.

@@ -49,7 +49,8 @@ GPURT_INLINE float opacity_at(const SceneView &scene, uint32_t triangle, float u
 GPURT_INLINE uint64_t ray_key(const TraceRay &ray)
 {
   const auto pair = [](float a, float b) { return uint64_t(float_bits(a)) << 32 | float_bits(b); };
-  const uint64_t key = mix_bits(mix_bits(pair(ray.origin.x, ray.origin.y)) ^ pair(ray.origin.z, ray.direction.x));
+  const uint64_t key =
+      mix_bits(mix_bits(pair(ray.origin.x, ray.origin.y)) ^ pair(ray.origin.z, ray.direction.x));
   return mix_bits(key ^ pair(ray.direction.y, ray.direction.z));
 }
 
@@ -57,8 +58,8 @@ GPURT_INLINE uint64_t ray_key(const TraceRay &ray)
 // and the triangle, so that every leaf that has the triangle, every accelerator and every device decide alike; rays of
 // other samples have other keys, so that the mean over samples is that of light which is let through.
 // Source: Enderton et al. 2010, stochastic transparency, by the ray's hash in place of sample masks.
-GPURT_INLINE bool lets_pass(const SceneView &scene, uint64_t key, uint32_t triangle, uint32_t placement, float u,
-                            float v)
+GPURT_INLINE bool lets_pass(const SceneView &scene, uint64_t key, uint32_t triangle, uint32_t placement,
+                            float u, float v)
 {
   const float opacity = opacity_at(scene, triangle, u, v);
   if (opacity >= 1.0f) return false;

@@ -165,15 +165,17 @@ void filter_holes(const RTCFilterFunctionNArguments *args)
     if (args->valid[i] == 0) continue;
     const uint32_t primitive = RTCHitN_primID(args->hit, args->N, i);
     const float u = RTCHitN_u(args->hit, args->N, i), v = RTCHitN_v(args->hit, args->N, i);
-    const TraceRay ray = {{RTCRayN_org_x(args->ray, args->N, i) + 0.0f, RTCRayN_org_y(args->ray, args->N, i) + 0.0f,
-                           RTCRayN_org_z(args->ray, args->N, i) + 0.0f},
-                          0,
-                          {RTCRayN_dir_x(args->ray, args->N, i) + 0.0f, RTCRayN_dir_y(args->ray, args->N, i) + 0.0f,
-                           RTCRayN_dir_z(args->ray, args->N, i) + 0.0f},
-                          0,
-                          0,
-                          0};
-    if (lets_pass(*run.scene, ray_key(ray), run.first_triangle + primitive, invalid_id, u, v)) args->valid[i] = 0;
+    const TraceRay ray = {
+        {RTCRayN_org_x(args->ray, args->N, i) + 0.0f, RTCRayN_org_y(args->ray, args->N, i) + 0.0f,
+         RTCRayN_org_z(args->ray, args->N, i) + 0.0f},
+        0,
+        {RTCRayN_dir_x(args->ray, args->N, i) + 0.0f, RTCRayN_dir_y(args->ray, args->N, i) + 0.0f,
+         RTCRayN_dir_z(args->ray, args->N, i) + 0.0f},
+        0,
+        0,
+        0};
+    if (lets_pass(*run.scene, ray_key(ray), run.first_triangle + primitive, invalid_id, u, v))
+      args->valid[i] = 0;
   }
 }
 

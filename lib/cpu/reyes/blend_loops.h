@@ -76,7 +76,8 @@ class BlendedBucket {
     const uint32_t num_samples = uint32_t(uint64_t(width) * height * bucket.num_samples);
     find_(bucket, nullptr);
     for (uint32_t k = 0; k < num_samples; ++k) blend_.count[k] = 0;
-    FragmentSink sink{FragmentSink::Mode::Count, 0, blend_.count, blend_.first, blend_.fragments, blend_.last};
+    FragmentSink sink{FragmentSink::Mode::Count, 0,          blend_.count, blend_.first,
+                      blend_.fragments,          blend_.last};
     find_(bucket, &sink);
     uint64_t total = 0;
     for (uint32_t k = 0; k < num_samples; ++k) total += blend_.count[k];

@@ -51,7 +51,7 @@ class BlendScratch {
   BlendMemory memory()
   {
     const size_t n = last_.size();
-    return {fragments_.data(), fragments_.size(), ids_.data(), ids_.data() + n, last_.data(),
+    return {fragments_.data(), fragments_.size(),  ids_.data(),      ids_.data() + n,  last_.data(),
             floats_.data(),    floats_.data() + n, radiance_.data(), standing_.data(), ids_.data() + 2 * n};
   }
 
@@ -157,7 +157,8 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
     num_fragments = most_fragments;
     // A quarter of what is left.
     if (memory && memory->limit() != 0) {
-      const uint64_t taken = memory->used() + scratch_bytes, left = memory->limit() - std::min(memory->limit(), taken);
+      const uint64_t taken = memory->used() + scratch_bytes,
+                     left = memory->limit() - std::min(memory->limit(), taken);
       num_fragments =
           std::min(num_fragments, left / 4 / uint64_t(arena.max_concurrency()) / sizeof(Fragment));
     }
@@ -183,9 +184,8 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
     // Counted with the unit that comes first.
     std::atomic<bool> is_first{true};
     const double bound_seconds = steady_seconds() - start;
-    tbb::enumerable_thread_specific<Scratch> scratches([&] {
-      return Scratch(num_samples, num_cells, num_fragments);
-    });
+    tbb::enumerable_thread_specific<Scratch> scratches(
+        [&] { return Scratch(num_samples, num_cells, num_fragments); });
     tbb::parallel_for(
         tbb::blocked_range<size_t>(0, pass.units.size(), 1),
         [&](const tbb::blocked_range<size_t> &range) {
@@ -215,10 +215,11 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
                 largest_bucket = std::max(largest_bucket, bucket.num_roots);
                 scratch.bucket_film.reset(x1 - x, y1 - y, pass.outputs);
                 if (scene.scene.has_blending) {
-                  kernels.blend(accel, scene, pass.settings, reyes, bucket, samples, scratch.blend_memory(), wave,
-                                shaded_paths, scratch.bucket_film.view(), steady_seconds, counters);
+                  kernels.blend(accel, scene, pass.settings, reyes, bucket, samples, scratch.blend_memory(),
+                                wave, shaded_paths, scratch.bucket_film.view(), steady_seconds, counters);
                 } else {
-                  kernels.find_visible(scene, pass.settings, reyes, bucket, samples, steady_seconds, counters);
+                  kernels.find_visible(scene, pass.settings, reyes, bucket, samples, steady_seconds,
+                                       counters);
                   kernels.shade(accel, scene, pass.settings, reyes, bucket, samples, wave, shaded_paths,
                                 scratch.bucket_film.view(), steady_seconds, counters);
                 }

@@ -35,7 +35,8 @@ struct ReyesMemory {
 // Besides, for a bucket with surfaces that blend. All but the fragments are of a sample, by its slot.
 struct BlendMemory {
   Fragment *fragments;
-  uint64_t capacity;   // of these: one at least for each sample of smallest_blend_edge x smallest_blend_edge pixels
+  uint64_t
+      capacity;  // of these: one at least for each sample of smallest_blend_edge x smallest_blend_edge pixels
   uint32_t *count;     // of a sample's fragments
   uint32_t *first;     // of them
   Fragment *last;      // the last one that was shaded
