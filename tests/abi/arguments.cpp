@@ -225,6 +225,11 @@ TEST_F(Arguments, Materials)
   refuse(add, d, "base_color_texture is 4294967295",
          [](auto &x) { x.base_color_texture = GPURT_INVALID_ID; });
   refuse(add, d, "two_sided_emission is 2", [](auto &x) { x.two_sided_emission = 2; });
+  refuse(add, d, "blends is 2", [](auto &x) { x.blends = 2; });
+  refuse(add, d, "blends", [](auto &x) {
+    x.blends = 1;
+    x.alpha_cutoff = 0.5f;
+  });
   EXPECT_EQ(facts().num_materials, 0u);
 }
 
@@ -601,7 +606,9 @@ TEST_F(Arguments, Submissions)
   refuse_reyes("reyes.filter is 4", [](auto &d) { d.reyes.filter = gpurt_reyes_filter(4); });
   refuse_reyes("reyes.shading is 4", [](auto &d) { d.reyes.shading = gpurt_reyes_shading(4); });
   refuse_reyes("reyes.no_shadows is 2", [](auto &d) { d.reyes.no_shadows = 2; });
-  refuse_reyes("reyes.reserved is 1", [](auto &d) { d.reyes.reserved[1] = 1; });
+  refuse_reyes("reyes.flatness is -1", [](auto &d) { d.reyes.flatness = -1; });
+  refuse_reyes("reyes.flatness is nan", [](auto &d) { d.reyes.flatness = std::nanf(""); });
+  refuse_reyes("reyes.reserved is 1", [](auto &d) { d.reyes.reserved[0] = 1; });
   refuse_render("reyes.shading_rate is 1, but", [](auto &d) { d.reyes.shading_rate = 1; });
   refuse_render("target_error", [](auto &d) { d.target_error = nan_value; });
   refuse_render("target_error", [](auto &d) { d.target_error = -1; });

@@ -254,7 +254,8 @@ def test_reyes(box):
     frame.submit("reyes", spp=4, reyes={"filter": "mitchell", "shadows": False}).wait()
     statistics = frame.statistics
     assert statistics.pipeline == "reyes"
-    assert statistics.reyes == {"shading_rate": 0.25, "filter": "mitchell", "shading": "samples", "shadows": False}
+    assert statistics.reyes == {"shading_rate": 0.25, "filter": "mitchell", "shading": "samples", "shadows": False,
+                                "flatness": 0}
     assert statistics.reyes_counters["num_triangles"] > 0
     assert statistics.photon == {}
     with pytest.raises(gpurt.InvalidArgument, match="filter"):

@@ -199,7 +199,8 @@ class Frame:
             made with.
         :param reyes: settings of the pipeline "reyes", by name: shading_rate (the area of a micropolygon in pixels),
             filter ("box", "gaussian", "mitchell"), shading ("samples"), shadows (False: nothing stands between a
-            surface and a light). As for photon.
+            surface and a light), flatness (> 0: micropolygons may be larger where they stay within so many pixels of
+            the surface; CPU devices). As for photon.
 
         Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,
         and the image has the same bits as if it had run at once. Jobs of one frame run one after another. A job
