@@ -2,6 +2,7 @@
 //
 //   bench_reyes [--device cpu|cuda] [--scene FILE]... [--size WxH]... [--spp N] [--rate AREA] [--shadows 0|1]
 //               [--shading samples|micropolygons|blocks] [--repeats N] [--threads N]
+//               [--split levels|queues|rounds] [--stages separate|uber|fused] [--schedules 0|1]
 //
 // Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here. Each frame is a new one; the first
 // of a case is not counted. Times of stages are medians of what the device spent; "visible_ms" is their sum up to what
@@ -29,9 +30,11 @@ struct Options {
   std::vector<std::string> scenes;
   std::vector<Size> sizes;
   uint32_t spp = 9, repeats = 9, threads = 0;
-  bool has_shadows = false;
+  bool has_shadows = false, has_schedules = false;
   float rate = 0.25f;
   gpurt_reyes_shading shading = GPURT_REYES_SHADING_SAMPLES;
+  gpurt_launch split = GPURT_LAUNCH_AUTO;
+  gpurt_traversal stages = GPURT_TRAVERSAL_AUTO;
 };
 
 using Point = std::array<float, 3>;
@@ -142,6 +145,8 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
     desc.samples_per_pixel = o.spp;
     desc.reyes.shading_rate = o.rate;
     desc.reyes.shading = o.shading;
+    desc.schedule.launch = o.split;
+    desc.schedule.traversal = o.stages;
     desc.reyes.no_shadows = o.has_shadows ? 0 : 1;
     gpurt_job job = nullptr;
     check(gpurt_frame_submit(frame, &desc, nullptr, 0, &job), "gpurt_frame_submit");
@@ -161,10 +166,12 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
   const gpurt_reyes_counters &c = s.reyes_counters;
   std::printf(
       "{\"bench\":\"reyes\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
-      "\"shading\":%d,\"shading_rate\":%g,\"shadows\":%d,\"wall_ms\":%.4f,\"create_ms\":%.4f,\"render_ms\":%."
+      "\"shading\":%d,\"split\":%d,\"stages\":%d,\"shading_rate\":%g,\"shadows\":%d,\"wall_ms\":%.4f,"
+      "\"create_ms\":%.4f,\"render_ms\":%."
       "4f,\"release_ms\":%.4f",
-      device, name, size.width, size.height, o.spp, int(o.shading), double(o.rate), int(o.has_shadows),
-      median(wall) * 1e3, median(create) * 1e3, median(render) * 1e3, median(release) * 1e3);
+      device, name, size.width, size.height, o.spp, int(o.shading), int(s.schedule.launch),
+      int(s.schedule.traversal), double(o.rate), int(o.has_shadows), median(wall) * 1e3, median(create) * 1e3,
+      median(render) * 1e3, median(release) * 1e3);
   double visible = 0;
   for (size_t k = 0; k < std::size(stages); ++k) {
     const double ms = median(seconds[k]) * 1e3;
@@ -174,14 +181,38 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
   std::printf(
       ",\"patches\":%llu,\"triangles\":%llu,\"splits\":%llu,\"culled\":%llu,\"grids\":%llu,\"micropolygons\":"
       "%llu,"
-      "\"fragments\":%llu,\"shaded\":%llu,\"largest_queue\":%llu,\"working_bytes\":%llu,\"gmp_per_s\":%.3f}"
+      "\"fragments\":%llu,\"shaded\":%llu,\"largest_queue\":%llu,\"working_bytes\":%llu,\"split_rounds\":%"
+      "llu,\"donated\":%llu,\"list_rounds\":%llu,\"mode_switches\":%llu,\"gmp_per_s\":%.3f}"
       "\n",
       (unsigned long long)c.num_patches, (unsigned long long)c.num_triangles,
       (unsigned long long)c.num_splits, (unsigned long long)c.num_culled, (unsigned long long)c.num_grids,
       (unsigned long long)c.num_micropolygons, (unsigned long long)c.num_fragments,
       (unsigned long long)c.num_shaded, (unsigned long long)c.largest_queue,
-      (unsigned long long)c.working_bytes, double(c.num_micropolygons) / visible * 1e-6);
+      (unsigned long long)c.working_bytes, (unsigned long long)c.split_rounds,
+      (unsigned long long)c.num_donated, (unsigned long long)s.schedule_counters.list_rounds,
+      (unsigned long long)s.schedule_counters.mode_switches, double(c.num_micropolygons) / visible * 1e-6);
   std::fflush(stdout);
+}
+
+// The talk's comparisons, with what it gives for a bucket of its own scene on a chip of 2009.
+void compare_schedules(gpurt_scene scene, const char *name, const char *device, const Size &size, Options o)
+{
+  std::printf(
+      "{\"bench\":\"reyes\",\"device\":\"talk of 2009\",\"split_levels_ms\":110,\"split_persistent_ms\":40,"
+      "\"dice_shade_sample_separate_ms\":500,\"dice_shade_sample_uber_ms\":110,\"frame_ms\":150}\n");
+  o.shading = GPURT_REYES_SHADING_MICROPOLYGONS;
+  const struct {
+    gpurt_launch split;
+    gpurt_traversal stages;
+  } choices[] = {
+      {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_LEAF_LISTS}, {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_STACK},
+      {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_LEAF_LISTS},  {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_UBER},
+      {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_STACK},       {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_UBER}};
+  for (const auto &choice : choices) {
+    o.split = choice.split;
+    o.stages = choice.stages;
+    run(scene, name, device, size, o);
+  }
 }
 
 Options parse(int argc, char **argv)
@@ -197,10 +228,21 @@ Options parse(int argc, char **argv)
     else if (name == "--spp") o.spp = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--rate") o.rate = float(std::atof(value.c_str()));
     else if (name == "--shadows") o.has_shadows = value == "1";
+    else if (name == "--schedules") o.has_schedules = value == "1";
     else if (name == "--shading") {
       o.shading = value == "micropolygons" ? GPURT_REYES_SHADING_MICROPOLYGONS
                   : value == "blocks"      ? GPURT_REYES_SHADING_BLOCKS
                                            : GPURT_REYES_SHADING_SAMPLES;
+    } else if (name == "--split") {
+      o.split = value == "levels"   ? GPURT_LAUNCH_REGULAR
+                : value == "queues" ? GPURT_LAUNCH_PERSISTENT
+                : value == "rounds" ? GPURT_LAUNCH_ROUNDS
+                                    : GPURT_LAUNCH_AUTO;
+    } else if (name == "--stages") {
+      o.stages = value == "separate" ? GPURT_TRAVERSAL_LEAF_LISTS
+                 : value == "uber"   ? GPURT_TRAVERSAL_UBER
+                 : value == "fused"  ? GPURT_TRAVERSAL_STACK
+                                     : GPURT_TRAVERSAL_AUTO;
     } else if (name == "--repeats") o.repeats = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--threads") o.threads = uint32_t(std::atoi(value.c_str()));
     else {
@@ -238,7 +280,10 @@ int main(int argc, char **argv)
     build.accel = GPURT_ACCEL_BVH;
     check(gpurt_scene_commit(scene, &build), "gpurt_scene_commit");
     const std::string name = path.empty() ? "ball" : path.substr(path.find_last_of('/') + 1);
-    for (const Size &size : options.sizes) run(scene, name.c_str(), properties.name, size, options);
+    for (const Size &size : options.sizes) {
+      if (options.has_schedules) compare_schedules(scene, name.c_str(), properties.name, size, options);
+      else run(scene, name.c_str(), properties.name, size, options);
+    }
     gpurt_scene_release(scene);
   }
   gpurt_device_release(device);

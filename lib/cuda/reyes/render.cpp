@@ -83,8 +83,9 @@ class ReyesRenderer {
       num_cells = std::max(num_cells, VisibleSamples::cells_of(g.bounds, *pass_.reyes, has_masks));
       work->film_bytes = std::max(work->film_bytes, GroupFilm(g.num_pixels(), pass_.outputs).bytes());
     }
-    work->samples.emplace(memory_, reyes_, *pass_.reyes, ReyesListSizes::at_level(level, reyes_.num_roots),
-                          num_samples, num_cells, has_masks);
+    work->samples.emplace(memory_, reyes_, *pass_.reyes, pass_.reyes_schedule,
+                          ReyesListSizes::at_level(level, reyes_.num_roots), num_samples, num_cells,
+                          has_masks);
     const uint32_t wave_paths = std::max(max_wave_paths >> level, min_wave_paths);
     if (needs_rays_)
       work->wave.emplace(memory_, uint32_t(std::min<uint64_t>(num_samples, wave_paths)), pass_.schedule,
@@ -160,21 +161,17 @@ ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings 
          "reyes.flatness is {}, which this version has on CPU devices alone; set it to 0, or use one",
          settings.flatness);
   }
-  if (asked.launch != Launch::Auto && asked.launch != Launch::Rounds) {
+  ReyesSchedule s{asked.launch, asked.traversal};
+  set_default(s.split, Launch::Rounds);
+  set_default(s.stages, Traversal::Stack);
+  if (s.stages != Traversal::Stack && settings.shading == ReyesShading::Samples) {
     fail(GPURT_ERROR_UNSUPPORTED,
-         "schedule.launch is {}, but this version's GPURT_PIPELINE_REYES cuts patches by GPURT_LAUNCH_ROUNDS "
-         "alone; "
-         "leave it AUTO",
-         uint32_t(asked.launch));
+         "schedule.traversal is {}, which schedules dicing, shading and sampling of micropolygons with light "
+         "of their "
+         "own; use GPURT_REYES_SHADING_MICROPOLYGONS or GPURT_REYES_SHADING_BLOCKS, or leave it AUTO",
+         s.stages == Traversal::Uber ? "GPURT_TRAVERSAL_UBER" : "GPURT_TRAVERSAL_LEAF_LISTS");
   }
-  if (asked.traversal != Traversal::Auto && asked.traversal != Traversal::Stack) {
-    fail(
-        GPURT_ERROR_UNSUPPORTED,
-        "schedule.traversal is {}, but this version's GPURT_PIPELINE_REYES takes grids through its stages by "
-        "GPURT_TRAVERSAL_STACK alone; leave it AUTO",
-        uint32_t(asked.traversal));
-  }
-  return {Launch::Rounds, Traversal::Stack};
+  return s;
 }
 
 void render_reyes_on_device(const RenderPass &pass, const TraceScene &scene, const ReyesDeviceScene &reyes,

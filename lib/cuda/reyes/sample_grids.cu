@@ -1,215 +1,9 @@
-// Stages 'dice' and 'sample' of patches in one kernel: a warp dices a piece into shared memory and samples what it made.
-//
-// Vertices never leave the multiprocessor. A lane takes a micropolygon at a time, and the lanes of a warp write their
-// samples together: what a memory transaction carries decides, not how many meet at a sample.
-//
-// Here micropolygons are tiny: all numbers of their edges are whole and stay below 2^24 in whatever order they are added, so
-// that fused operations have the bits of `cover`. Grids that have others go on to the general kernel.
-#include "cuda/reyes/warp_grid.h"
+// Stages 'dice', 'shade' where light is micropolygons' own, and 'sample' of patches in one kernel: a warp dices a piece into
+// shared memory, and vertices never leave the multiprocessor.
+#include "cuda/reyes/sample_quads.h"
 
 namespace gpurt::cuda {
 namespace {
-
-// Of a micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 1024 * (1024 + 256) < 2^24.
-constexpr int32_t tiny_extent = 1024;
-
-// A triangle from its vertex a, turned so that its inside is positive: edges a x + b y + c opposite to each corner.
-struct TinyTriangle {
-  float aa, ab, ac, ba, bb, ca, cb;  // those of b and c go through a
-  float za, zb, zc;
-  float threshold_a, threshold_b, threshold_c;
-};
-
-// As make_small_triangle.
-__device__ __forceinline__ bool make_tiny_triangle(float az, float bx, float by, float bz, float cx, float cy,
-                                                   float cz, TinyTriangle &t)
-{
-  const float twice_area = bx * cy - by * cx;
-  const bool is_swapped = twice_area < 0.0f;
-  const float inv_area = 1.0f / abs(twice_area);
-  const float px = is_swapped ? cx : bx, py = is_swapped ? cy : by, qx = is_swapped ? bx : cx,
-              qy = is_swapped ? by : cy;
-  t.aa = py - qy;
-  t.ab = qx - px;
-  t.ac = (qy - py) * px - (qx - px) * py;
-  t.ba = qy;
-  t.bb = -qx;
-  t.ca = -py;
-  t.cb = px;
-  t.threshold_a = edge_threshold(px, py, qx, qy);
-  t.threshold_b = edge_threshold(qx, qy, 0.0f, 0.0f);
-  t.threshold_c = edge_threshold(0.0f, 0.0f, px, py);
-  t.za = az * inv_area;
-  t.zb = (is_swapped ? cz : bz) * inv_area;
-  t.zc = (is_swapped ? bz : cz) * inv_area;
-  return twice_area != 0.0f;
-}
-
-// As `cover`.
-__device__ __forceinline__ float cover_tiny(const TinyTriangle &t, float x, float y)
-{
-  const float ea = fma(t.aa, x, fma(t.ab, y, t.ac)), eb = fma(t.ba, x, t.bb * y), ec = fma(t.ca, x, t.cb * y);
-  const float z = ea * t.za + eb * t.zb + ec * t.zc;
-  return ea > t.threshold_a && eb > t.threshold_b && ec > t.threshold_c ? z : 0.0f;
-}
-
-// A lane's way through the samples of some cells, as SampleWalk's, with places from a micropolygon's first vertex.
-class TinyWalk {
- public:
-  __device__ TinyWalk(const SampleGrid &g, int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t ax,
-                      int32_t ay, bool is_there)
-      : cells_{0, 0, -1, -1}, ax_(ax), ay_(ay)
-  {
-    is_there = is_there && cells_of_box(g, x0, y0, x1, y1, cells_);
-    pixel_ = (cells_.x0 >> cell_shift(g)) - 1;
-    y_ = is_there ? cells_.y0 : cells_.y1 + 1;
-    seek(g);
-  }
-  __device__ uint32_t place(const SampleGrid &g) const { return g.places[k_]; }
-  __device__ bool is_at_sample() const { return k_ < end_; }
-  __device__ uint32_t slot() const { return k_; }
-  __device__ void advance(const SampleGrid &g)
-  {
-    ++k_;
-    seek(g);
-  }
-  // A byte behind the bits of 2^23 is 2^23 more than its value, exactly, and so is the sum.
-  __device__ float x(uint32_t place) const { return __uint_as_float(0x4b000000u | (place & 255)) + base_x_; }
-  __device__ float y(uint32_t place) const { return __uint_as_float(0x4b000000u | place >> 8) + base_y_; }
-
- private:
-  __device__ void seek(const SampleGrid &g)
-  {
-    while (k_ >= end_ && y_ <= cells_.y1) {
-      const int32_t s = cell_shift(g);
-      if (++pixel_ > cells_.x1 >> s) {
-        pixel_ = (cells_.x0 >> s) - 1;
-        ++y_;
-        continue;
-      }
-      const int32_t first = pixel_ << s;
-      const uint32_t row = cell_index(g, first, y_) - uint32_t(first);
-      k_ = g.first[row + uint32_t(max(cells_.x0, first))];
-      end_ = g.first[row + uint32_t(min(cells_.x1, first + (1 << s) - 1)) + 1];
-      base_x_ = float(g.x0 + (pixel_ << unit_bits) - ax_) - 0x1p23f;
-      base_y_ = float(g.y0 + (y_ >> s << unit_bits) - ay_) - 0x1p23f;
-    }
-  }
-
-  CellRange cells_;
-  int32_t ax_, ay_, pixel_, y_;
-  uint32_t k_ = 0, end_ = 0;
-  float base_x_ = 0.0f, base_y_ = 0.0f;
-};
-
-// The same through pixels with masks: what lies in the eighths that the box touches.
-class MaskWalk {
- public:
-  __device__ MaskWalk(const SampleGrid &g, int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t ax,
-                      int32_t ay, bool is_there)
-      : x0_(x0 - g.x0), y0_(y0 - g.y0), x1_(x1 - g.x0), y1_(y1 - g.y0), ax_(ax - g.x0), ay_(ay - g.y0)
-  {
-    y_ = max(y0_ >> unit_bits, 0);
-    last_x_ = min(x1_ >> unit_bits, g.cells_x - 1);
-    last_y_ = is_there ? min(y1_ >> unit_bits, g.cells_y - 1) : -1;
-    x_ = first_x() - 1;
-    seek(g);
-  }
-  __device__ bool is_at_sample() const { return bits_ != 0; }
-  __device__ uint32_t slot() const { return first_ + sample(); }
-  __device__ uint32_t place(const SampleGrid &g) const { return g.places[pixel_ * most_masked + sample()]; }
-  __device__ void advance(const SampleGrid &g)
-  {
-    bits_ &= bits_ - 1;
-    seek(g);
-  }
-  __device__ float x(uint32_t place) const { return __uint_as_float(0x4b000000u | (place & 255)) + base_x_; }
-  __device__ float y(uint32_t place) const { return __uint_as_float(0x4b000000u | place >> 8) + base_y_; }
-
- private:
-  __device__ int32_t first_x() const { return max(x0_ >> unit_bits, 0); }
-  __device__ uint32_t sample() const { return uint32_t(__ffs(int(bits_))) - 1; }
-  // Samples of an axis in the eighths that [from, to], from the pixel's corner, touches.
-  static __device__ uint32_t between(const uint16_t *masks, int32_t from, int32_t to)
-  {
-    const int32_t lo = max(from >> (unit_bits - 3), 0), hi = min((to >> (unit_bits - 3)) + 1, 8);
-    return masks[hi & 7] & ~(lo != 0 ? uint32_t(masks[lo]) : 0u);
-  }
-  __device__ void seek(const SampleGrid &g)
-  {
-    while (bits_ == 0 && y_ <= last_y_) {
-      if (++x_ > last_x_) {
-        x_ = first_x() - 1;
-        ++y_;
-        continue;
-      }
-      pixel_ = uint32_t(y_ * g.cells_x + x_);
-      first_ = pixel_ * g.samples_per_pixel;
-      const int32_t corner_x = x_ << unit_bits, corner_y = y_ << unit_bits;
-      const uint16_t *masks = g.masks + uint64_t(pixel_) * most_masked;
-      bits_ =
-          between(masks, x0_ - corner_x, x1_ - corner_x) & between(masks + 8, y0_ - corner_y, y1_ - corner_y);
-      base_x_ = float(corner_x - ax_) - 0x1p23f;
-      base_y_ = float(corner_y - ay_) - 0x1p23f;
-    }
-  }
-
-  int32_t x0_, y0_, x1_, y1_, ax_, ay_, x_, y_, last_x_, last_y_;
-  uint32_t bits_ = 0, pixel_ = 0, first_ = 0;
-  float base_x_ = 0.0f, base_y_ = 0.0f;
-};
-
-// Samples of a warp's grid that see it: where on it they lie is found out by all lanes together.
-struct SeenSamples {
-  WarpPlaces places;
-  uint32_t slot[64], quad[64];
-  float x[64], y[64];  // from the micropolygon's first vertex
-};
-
-// Where on the root a sample of a micropolygon lies: of its two triangles, if both are there equally near, the smaller.
-__device__ __forceinline__ uint64_t spot_of(const WarpGrid &g, const WarpPlaces &places, uint32_t quad,
-                                            float x, float y)
-{
-  const uint32_t width = (1u << g.piece.grid_u) + 1, num_u = width - 1;
-  const uint32_t a = (quad >> g.piece.grid_u) * width + (quad & (num_u - 1));
-  const uint32_t at[4] = {a, a + 1, a + width + 1, a + width};
-  const int32_t ox = g.x[a], oy = g.y[a];
-  float nearest = 0.0f;
-  uint64_t spot = ~uint64_t(0);
-  for (int i = 0; i < 2; ++i) {
-    const uint32_t k[3] = {at[0], at[i + 1], at[i + 2]};
-    SmallTriangle t;
-    if (!make_small_triangle(0.0f, 0.0f, g.z[k[0]], float(g.x[k[1]] - ox), float(g.y[k[1]] - oy), g.z[k[1]],
-                             float(g.x[k[2]] - ox), float(g.y[k[2]] - oy), g.z[k[2]], t)) {
-      continue;
-    }
-    float share_b, share_c;
-    const float z = cover(t, x, y, share_b, share_c);
-    if (!(z > 0.0f && z >= nearest)) continue;
-    const Vec2f corners[3] = {
-        {places.u[k[0]], places.v[k[0]]}, {places.u[k[1]], places.v[k[1]]}, {places.u[k[2]], places.v[k[2]]}};
-    const uint64_t key = place_key(cover_uv(t, corners, z, share_b, share_c));
-    spot = z > nearest ? key : min(spot, key);
-    nearest = z;
-  }
-  return spot;
-}
-
-// The last n of the samples that were seen, at most a warp's.
-__device__ __forceinline__ void put_spots(const ReyesBatch &b, const WarpGrid &g, const SeenSamples &seen,
-                                          uint32_t first, uint32_t n, uint32_t lane)
-{
-  __syncwarp();
-  if (lane < n) {
-    const uint32_t i = first + lane;
-    atomicMin(b.samples.spots + seen.slot[i],
-              static_cast<unsigned long long>(spot_of(g, seen.places, seen.quad[i], seen.x[i], seen.y[i])));
-  }
-  __syncwarp();
-}
-
-// What a look at the micropolygons is for: what is nearest, where on it samples lie, or what is nearest with its light.
-enum class Look { Nearest, Spots, OwnLight };
 
 template <Look look, class Walk>
 __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_constant__ ReyesBatch b)
@@ -218,94 +12,26 @@ __global__ void __launch_bounds__(block_size, 6) sample_grids(const __grid_const
   __shared__ WarpLight lights[has_light ? block_size / 32 : 1];
   __shared__ WarpGrid grids[block_size / 32];
   __shared__ SeenSamples seen_samples[finds_spots ? block_size / 32 : 1];
-  WarpGrid &g = grids[threadIdx.x / 32];
-  SeenSamples &seen = seen_samples[finds_spots ? threadIdx.x / 32 : 0];
-  const uint32_t lane = threadIdx.x % 32;
+  const uint32_t lane = threadIdx.x % 32, warp = threadIdx.x / 32;
+  WarpGrid &g = grids[warp];
+  WarpLight *light = has_light ? &lights[warp] : nullptr;
+  SeenSamples *seen = finds_spots ? &seen_samples[warp] : nullptr;
   const uint32_t num_leaves = b.numbers->num_leaves;
-  uint32_t num_grids = 0, num_micropolygons = 0, num_fragments = 0, num_shaded = 0;
+  GridCounts counts;
   for (uint32_t leaf; (leaf = next_item(&b.numbers->tickets[0], num_leaves)) != num_leaves;) {
     const uint32_t slot = b.leaves[leaf].slot, root = b.roots[slot];
     if (finds_spots && !is_visible(b, root)) continue;
     copy_words(g.piece, b.leaves[leaf].piece, lane);
     copy_words(g.patch, b.patches[slot], lane);
     __syncwarp();
-    const bool is_in_front = dice(g, b.projection, lane, finds_spots ? &seen.places : nullptr);
+    const bool is_in_front = dice(g, b.projection, lane, finds_spots ? &seen->places : nullptr);
     __syncwarp();
-    const uint32_t num_u = 1u << g.piece.grid_u, width = num_u + 1,
-                   num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);
-    ++num_grids;
-    num_micropolygons += num_quads;
-    if constexpr (has_light) num_shaded += shade_grid(b, g, root, lights[threadIdx.x / 32], lane);
-    uint32_t num_seen = 0;
-    for (uint32_t first = 0; first < num_quads; first += 32) {
-      const uint32_t q = first + lane;
-      const bool is_quad = q < num_quads;
-      const uint32_t ia = is_quad ? (q >> g.piece.grid_u) * width + (q & (num_u - 1)) : 0, ib = ia + 1,
-                     ic = ia + width + 1, id = ia + width;
-      const int32_t ax = g.x[ia], ay = g.y[ia], bx = g.x[ib], by = g.y[ib], cx = g.x[ic], cy = g.y[ic],
-                    dx = g.x[id], dy = g.y[id];
-      const int32_t x0 = min(min(ax, bx), min(cx, dx)), x1 = max(max(ax, bx), max(cx, dx));
-      const int32_t y0 = min(min(ay, by), min(cy, dy)), y1 = max(max(ay, by), max(cy, dy));
-      const bool is_tiny = is_in_front && x1 - x0 <= tiny_extent && y1 - y0 <= tiny_extent;
-      if (__any_sync(all_lanes, is_quad && !is_tiny)) {
-        if (lane == 0) b.rest[atomicAdd(&b.numbers->num_rest, 1u)] = leaf * 8 + first / 32;
-        break;
-      }
-      TinyTriangle s, t;
-      const float za = g.z[ia], zc = g.z[ic];
-      const float rcx = float(cx - ax), rcy = float(cy - ay);
-      const bool has_s = make_tiny_triangle(za, float(bx - ax), float(by - ay), g.z[ib], rcx, rcy, zc, s);
-      const bool has_t = make_tiny_triangle(za, rcx, rcy, zc, float(dx - ax), float(dy - ay), g.z[id], t);
-      const bool is_there = is_quad && (has_s || has_t);
-      // What samples keep: the root's number or, in its place, light.
-      uint32_t kept = root;
-      if constexpr (has_light) kept = ~light_of(b, g, lights[threadIdx.x / 32], is_quad ? q : 0);
-      // One without area covers nothing.
-      if (!has_s) s.threshold_a = infinity;
-      if (!has_t) t.threshold_a = infinity;
-      Walk walk(b.samples, x0, y0, x1, y1, ax, ay, is_there);
-      while (__any_sync(all_lanes, walk.is_at_sample())) {
-        float z = 0.0f, x = 0.0f, y = 0.0f;
-        if (walk.is_at_sample()) {
-          const uint32_t place = walk.place(b.samples);
-          x = walk.x(place);
-          y = walk.y(place);
-          const float zs = cover_tiny(s, x, y), zt = cover_tiny(t, x, y);
-          z = zt > zs ? zt : zs;
-        }
-        if constexpr (finds_spots) {
-          const bool takes = z > 0.0f && b.samples.keys[walk.slot()] == sample_key_of(z, root);
-          const uint32_t takers = __ballot_sync(all_lanes, takes);
-          if (takes) {
-            const uint32_t i = num_seen + uint32_t(__popc(takers & ((1u << lane) - 1)));
-            seen.slot[i] = walk.slot();
-            seen.quad[i] = q;
-            seen.x[i] = x;
-            seen.y[i] = y;
-          }
-          num_seen += uint32_t(__popc(takers));
-          if (num_seen >= 32) {
-            num_seen -= 32;
-            put_spots(b, g, seen, num_seen, 32, lane);
-          }
-        } else {
-          num_fragments += z > 0.0f ? 1 : 0;
-          __syncwarp();
-          if (z > 0.0f) put<false>(b, walk.slot(), kept, z, {});
-        }
-        if (walk.is_at_sample()) walk.advance(b.samples);
-      }
-    }
-    if constexpr (finds_spots) put_spots(b, g, seen, 0, num_seen, lane);
-    __syncwarp();
+    ++counts.grids;
+    counts.micropolygons += 1u << (g.piece.grid_u + g.piece.grid_v);
+    if constexpr (has_light) counts.shaded += shade_grid(b, g, root, *light, lane);
+    sample_quads<look, Walk>(b, g, is_in_front, leaf, root, light, seen, lane, counts.fragments);
   }
-  if (finds_spots) return;
-  if (lane == 0) {
-    atomicAdd(&b.numbers->num_grids, static_cast<unsigned long long>(num_grids));
-    atomicAdd(&b.numbers->num_micropolygons, static_cast<unsigned long long>(num_micropolygons));
-    if (has_light) atomicAdd(&b.numbers->num_shaded, static_cast<unsigned long long>(num_shaded));
-  }
-  add_of_lanes(&b.numbers->num_fragments, num_fragments);
+  if (!finds_spots) counts.add_to(*b.numbers);
 }
 
 // All grids are for the general kernel.

@@ -104,6 +104,67 @@ __global__ void __launch_bounds__(block_size)
   keep_largest(largest, largest_bits);
 }
 
+// Light that is packed adds up in whole numbers of its smallest unit: up to so large an exponent 2^5 samples stay below 2^63.
+constexpr uint32_t most_exponent = 63 - 9 - 5;
+constexpr uint32_t most_summed = 32;
+
+// The same under a box where samples lie pixel by pixel: sums are integers while light is not too strong, and a warp writes
+// its pixels together.
+__global__ void __launch_bounds__(block_size)
+    resolve_pixels(const __grid_constant__ EyeHits eye, PixelSums *pixels, uint32_t num_pixels,
+                   uint32_t *largest_bits)
+{
+  __shared__ alignas(16) PixelSums shared_sums[block_size];
+  const uint32_t i = uint32_t(thread_item()), lane = threadIdx.x % 32;
+  const uint32_t num = uint32_t(eye.places.num_samples), odd = uint32_t(eye.unit.first_sample & 1);
+  PixelSums sums{};
+  float largest = 0.0f;
+  if (i < num_pixels) {
+    const unsigned long long *keys = eye.keys + uint64_t(i) * num;
+    uint64_t sum[2][3] = {{0, 0, 0}, {0, 0, 0}};
+    uint32_t most = 0;
+    for (uint32_t k = 0; k < num; ++k) {
+      const unsigned long long key = keys[k];
+      const uint32_t bits = uint32_t(key), exponent = bits >> 26, half = (k ^ odd) & 1;
+      sums.num_covered += key != 0 ? 1 : 0;
+      most = max(most, exponent);
+      const uint64_t part[3] = {bits >> 17 & 0x1ffu, bits >> 8 & 0x1ffu, uint64_t(bits & 0xffu) << 1};
+      for (int c = 0; c < 3; ++c) {
+        const uint64_t x = part[c] << exponent;
+        sum[0][c] += half == 0 ? x : 0;
+        sum[1][c] += half == 0 ? 0 : x;
+      }
+      largest = max(largest, max_component(unpack_light(bits)));
+    }
+    if (most <= most_exponent) {
+      // Units of 2^-41 to those of 2^-64.
+      constexpr int shift = 64 - light_exponent_bias;
+      for (int h = 0; h < 2; ++h) {
+        for (int c = 0; c < 3; ++c)
+          sums.color[h][c] = {sum[h][c] << shift, int64_t(sum[h][c] >> (64 - shift))};
+        sums.num_samples[h] = (num + ((h ^ odd) == 0 ? 1 : 0)) / 2;
+      }
+    } else {
+      sums = {};
+      for (uint32_t k = 0; k < num; ++k) {
+        const unsigned long long key = keys[k];
+        add_sample(sums, eye.unit.first_sample + k, key != 0 ? unpack_light(uint32_t(key)) : vec3(0.0f),
+                   key != 0);
+      }
+    }
+  }
+  shared_sums[threadIdx.x] = sums;
+  __syncwarp();
+  // As 16-byte words, one after another.
+  constexpr uint32_t words = sizeof(PixelSums) / 16;
+  const uint32_t first = i - lane, n = first < num_pixels ? min(num_pixels - first, 32u) * words : 0;
+  const uint4 *from = reinterpret_cast<const uint4 *>(shared_sums + threadIdx.x - lane);
+  uint4 *to = reinterpret_cast<uint4 *>(pixels + first);
+  for (uint32_t k = lane; k < n; k += 32) to[k] = from[k];
+  keep_largest(largest, largest_bits);
+}
+static_assert(sizeof(PixelSums) % 16 == 0);
+
 }  // namespace
 
 void launch_shade_pixels(const EyeHits &eye, const FilmView &film, uint32_t num_pixels,
@@ -116,6 +177,12 @@ void launch_shade_pixels(const EyeHits &eye, const FilmView &film, uint32_t num_
 void launch_resolve_own_light(const EyeHits &eye, const FilmView &film, uint32_t num_pixels,
                               uint32_t *largest_bits, cudaStream_t stream)
 {
+  if (eye.slots == nullptr && eye.places.filter == ReyesFilter::Box &&
+      eye.places.num_samples <= most_summed) {
+    launch("REYES stage 'resolve' of micropolygons' own light, pixels", resolve_pixels, num_pixels, stream,
+           eye, film.pixels, num_pixels, largest_bits);
+    return;
+  }
   launch("REYES stage 'resolve' of micropolygons' own light", resolve_own_light, num_pixels, stream, eye,
          film, num_pixels, largest_bits);
 }

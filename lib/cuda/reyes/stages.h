@@ -67,11 +67,13 @@ struct ReyesNumbers {
   uint32_t num_rest;    // grids that are left to the general kernel
   uint32_t tickets[4];  // of grids, triangles, large triangles, the rest of grids
   uint32_t pushed[3];   // of three rounds of cutting
+  // Of queues of blocks: the queue of all, what blocks left behind it, blocks that wait, pieces anywhere; 1: leaves are full.
+  uint32_t queue_head, queue_tail, left_at, num_left, idle_blocks, live_pieces, stops;
   // Of the group.
   uint32_t largest_queue;
   uint32_t largest_sample;  // bits of the largest radiance
   unsigned long long num_patches, num_triangles_seen, num_splits, num_culled, num_grids, num_micropolygons,
-      num_fragments, num_shaded;
+      num_fragments, num_shaded, split_rounds, num_donated, num_switches;
 };
 
 /// A batch of roots on its way through the stages, and the group of samples that it is for.
@@ -129,6 +131,16 @@ void launch_split(const ReyesBatch &batch, cudaStream_t stream);
 /// Dices pieces and puts micropolygons into the samples; the second time, samples learn where on their root they are. With
 /// light of their own micropolygons are shaded before, and there is no second time.
 void launch_sample_grids(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
+
+/// The same of leaves that have light of their own, by other schedules: a kernel each for dicing, shading and sampling, with
+/// `grids` between them, as many leaves at a time as it has room for; returns how many times. Or one kernel whose warps turn
+/// to what waits.
+struct DicedGrid;
+uint64_t launch_staged_grids(const ReyesBatch &batch, uint32_t num_leaves, DicedGrid *grids,
+                             uint32_t capacity, cudaStream_t stream);
+uint64_t diced_grid_bytes();
+void launch_uber_grids(const ReyesBatch &batch, cudaStream_t stream);
+
 void launch_sample_rest(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
 void launch_sample_triangles(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
 void launch_sample_large(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);

@@ -3,6 +3,8 @@
 #include <algorithm>
 
 #include "cuda/layout.h"
+#include "cuda/reyes/split_schedules.h"
+#include "error.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -13,6 +15,9 @@ int32_t cell_bits_for(uint64_t samples_per_pixel)
   if (samples_per_pixel < 3) return unit_bits;
   return samples_per_pixel < 8 || samples_per_pixel > max_fine_samples ? unit_bits - 1 : unit_bits - 2;
 }
+
+// Grids that separate kernels hand on at a time, of the leaves that there is room for.
+uint32_t staged_grids(const ReyesListSizes &sizes) { return std::max(sizes.leaves / 64, 64u); }
 
 // Micropolygons of this area in pixels are mostly below four pixels along an axis.
 constexpr float largest_masked_rate = 4.0f;
@@ -30,10 +35,10 @@ ReyesListSizes ReyesListSizes::at_level(unsigned level, uint64_t num_roots)
 }
 
 struct VisibleSamples::Arrays {
-  uint32_t *first, *slots, *counts, *visible, *roots, *triangles, *rest, *large_tiles;
+  uint32_t *ready, *first, *slots, *counts, *visible, *roots, *triangles, *rest, *large_tiles;
   uint16_t *at, *masks;
   unsigned long long *keys, *spots;
-  std::byte *scan_memory;
+  std::byte *scan_memory, *staged;
   uint64_t scan_bytes;
   RasterPatch *patches;
   RasterPoint *largest;
@@ -45,7 +50,8 @@ struct VisibleSamples::Arrays {
 
 VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListSizes &sizes,
                                                uint64_t num_samples, uint64_t num_cells, uint64_t num_roots,
-                                               const ReyesSettings &settings, bool has_masks)
+                                               const ReyesSettings &settings, const ReyesSchedule &schedule,
+                                               bool has_masks)
 {
   const bool has_filter = settings.filter != ReyesFilter::Box;
   Layout layout(base);
@@ -69,29 +75,39 @@ VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListS
   a.rest = layout.take<uint32_t>(sizes.leaves);
   a.large = layout.take<LargeTriangle>(sizes.large);
   a.large_tiles = layout.take<uint32_t>(sizes.large);
+  a.ready = layout.take<uint32_t>(schedule.split == Launch::Persistent ? sizes.stack : 0);
+  a.staged = layout.take<std::byte>(
+      schedule.stages == Traversal::LeafLists ? staged_grids(sizes) * diced_grid_bytes() : 0);
   a.numbers = layout.take<ReyesNumbers>(1);
   a.bytes = layout.bytes();
   return a;
 }
 
 VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesDeviceScene &scene,
-                               const ReyesSettings &settings, const ReyesListSizes &sizes,
-                               uint64_t num_samples, uint64_t num_cells, bool has_masks)
+                               const ReyesSettings &settings, const ReyesSchedule &schedule,
+                               const ReyesListSizes &sizes, uint64_t num_samples, uint64_t num_cells,
+                               bool has_masks)
     : num_roots_(scene.num_roots),
       settings_(settings),
+      schedule_(schedule),
       has_masks_(has_masks),
       has_own_light_(settings.shading != ReyesShading::Samples),
       sizes_(sizes),
       num_cells_(num_cells),
       buffer_(memory,
-              lay_out(nullptr, sizes, num_samples, num_cells, scene.num_roots, settings, has_masks).bytes,
+              lay_out(nullptr, sizes, num_samples, num_cells, scene.num_roots, settings, schedule, has_masks)
+                  .bytes,
               "what REYES samples see, and its lists"),
       has_meshes_(scene.has_meshes)
 {
   const bool has_filter = settings.filter != ReyesFilter::Box;
-  const Arrays a = lay_out(buffer_.data(), sizes, num_samples, num_cells, num_roots_, settings, has_masks);
+  const Arrays a =
+      lay_out(buffer_.data(), sizes, num_samples, num_cells, num_roots_, settings, schedule, has_masks);
   first_ = a.first;
   at_ = a.at;
+  ready_ = schedule.split == Launch::Persistent ? a.ready : nullptr;
+  staged_ = reinterpret_cast<DicedGrid *>(a.staged);
+  num_staged_ = staged_grids(sizes);
   masks_ = has_masks ? a.masks : nullptr;
   slots_ = has_masks ? nullptr : a.slots;
   counts_ = has_filter ? a.counts : nullptr;
@@ -186,6 +202,27 @@ ReyesNumbers VisibleSamples::read_numbers(cudaStream_t stream)
   return *host;
 }
 
+void VisibleSamples::split(const ReyesNumbers *last, cudaStream_t stream)
+{
+  if (schedule_.split == Launch::Regular) {
+    split_by_levels(
+        batch_, [&] { return read_numbers(stream); }, stream);
+  } else if (schedule_.split == Launch::Persistent) {
+    if (turn_ == 0)
+      check(cudaMemsetAsync(ready_, 0, sizes_.stack * sizeof(uint32_t), stream), "cudaMemsetAsync");
+    if (!split_by_queues(batch_, ready_, ++turn_, last, stream)) {
+      fail(GPURT_ERROR_OUT_OF_MEMORY,
+           "GPURT_LAUNCH_PERSISTENT: {} pieces of patches wait while the list of grids is full, more than "
+           "there is "
+           "room for; leave schedule.launch AUTO, or raise the memory limit",
+           last->waiting);
+    }
+  } else {
+    launch_split(batch_, stream);
+  }
+  mark(Stage::Split, stream);
+}
+
 // What the lists hold goes into the samples. Once they have gone through it, it is known which of them are empty.
 void VisibleSamples::sample(bool finds_spots, cudaStream_t stream, bool has_triangles)
 {
@@ -195,7 +232,14 @@ void VisibleSamples::sample(bool finds_spots, cudaStream_t stream, bool has_tria
         "cudaMemsetAsync");
   if (has_triangles && has_meshes_ && !(has_all_ && known.num_triangles == 0))
     launch_sample_triangles(batch_, finds_spots, stream);
-  launch_sample_grids(batch_, finds_spots, stream);
+  if (schedule_.stages == Traversal::LeafLists) {
+    const uint32_t num_leaves = read_numbers(stream).num_leaves;
+    list_rounds_ += launch_staged_grids(batch_, num_leaves, staged_, num_staged_, stream);
+  } else if (schedule_.stages == Traversal::Uber) {
+    launch_uber_grids(batch_, stream);
+  } else {
+    launch_sample_grids(batch_, finds_spots, stream);
+  }
   mark(Stage::Sample, stream);
 }
 
@@ -217,8 +261,7 @@ void VisibleSamples::run_batch(uint64_t first, bool finds_spots, cudaStream_t st
   launch_bound_roots(batch_, first, n, stream);
   mark(Stage::Bound, stream);
   for (bool is_first = true;; is_first = false) {
-    launch_split(batch_, stream);
-    mark(Stage::Split, stream);
+    split(is_first ? nullptr : &batch_numbers_, stream);
     sample(finds_spots, stream, is_first);
     const ReyesNumbers done = read_numbers(stream);
     sample_rest(finds_spots, done, stream);
@@ -299,6 +342,11 @@ void VisibleSamples::collect(cudaStream_t stream, RenderCounters &counters)
   r.num_micropolygons += n.num_micropolygons;
   r.num_fragments += n.num_fragments;
   r.num_shaded += n.num_shaded;
+  r.split_rounds += n.split_rounds;
+  r.num_donated += n.num_donated;
+  counters.schedule.mode_switches += n.num_switches;
+  counters.schedule.list_rounds += list_rounds_;
+  list_rounds_ = 0;
   r.largest_queue = std::max<uint64_t>(r.largest_queue, n.largest_queue);
   counters.largest_sample = std::max(counters.largest_sample, float_from_bits(n.largest_sample));
   for (size_t i = 1; i < stages_.size(); ++i) {

@@ -28,8 +28,8 @@ class VisibleSamples {
  public:
   /// For groups of up to `num_samples` in `num_cells`. Throws OUT_OF_MEMORY.
   VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesDeviceScene &scene,
-                 const ReyesSettings &settings, const ReyesListSizes &sizes, uint64_t num_samples,
-                 uint64_t num_cells, bool has_masks);
+                 const ReyesSettings &settings, const ReyesSchedule &schedule, const ReyesListSizes &sizes,
+                 uint64_t num_samples, uint64_t num_cells, bool has_masks);
 
   /// Whether samples are found by masks of pixels: groups have at most so many a pixel, and micropolygons are small.
   static bool suits_masks(const ReyesDeviceScene &scene, const ReyesSettings &settings,
@@ -58,16 +58,18 @@ class VisibleSamples {
   struct Arrays;
   static Arrays lay_out(std::byte *base, const ReyesListSizes &sizes, uint64_t num_samples,
                         uint64_t num_cells, uint64_t num_roots, const ReyesSettings &settings,
-                        bool has_masks);
+                        const ReyesSchedule &schedule, bool has_masks);
   void mark(Stage stage, cudaStream_t stream);
   void place(const WorkUnit &group, const PathSettings &settings, cudaStream_t stream);
   ReyesNumbers read_numbers(cudaStream_t stream);
+  void split(const ReyesNumbers *last, cudaStream_t stream);
   void sample(bool finds_spots, cudaStream_t stream, bool has_triangles);
   void sample_rest(bool finds_spots, const ReyesNumbers &numbers, cudaStream_t stream);
   void run_batch(uint64_t first, bool finds_spots, cudaStream_t stream, ReyesCounters &counters);
 
   const uint64_t num_roots_;
   const ReyesSettings settings_;
+  const ReyesSchedule schedule_;
   const bool has_masks_, has_own_light_;
   const ReyesListSizes sizes_;
   const uint64_t num_cells_;
@@ -75,6 +77,11 @@ class VisibleSamples {
   ReyesBatch batch_{};
   SamplePlaces places_{};
   uint32_t *first_ = nullptr, *slots_ = nullptr, *counts_ = nullptr, *visible_ = nullptr;
+  uint32_t *ready_ = nullptr;    // of queues of pieces
+  uint32_t turn_ = 0;            // launches with such queues
+  DicedGrid *staged_ = nullptr;  // between separate kernels
+  uint32_t num_staged_ = 0;
+  uint64_t list_rounds_ = 0;  // times that these ran
   uint16_t *at_ = nullptr, *masks_ = nullptr;
   std::byte *scan_memory_ = nullptr;
   uint64_t scan_bytes_ = 0;

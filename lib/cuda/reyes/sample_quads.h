@@ -1,0 +1,333 @@
+// Stage 'sample' of a warp's grid of tiny micropolygons. For .cu files alone.
+//
+// A lane takes a micropolygon at a time, and the lanes of a warp write their samples together: what a memory transaction
+// carries decides, not how many meet at a sample. Micropolygons are tiny: all numbers of their edges are whole and stay below
+// 2^24 in whatever order they are added, so that fused operations have the bits of `cover`. Grids that have others go on to
+// the general kernel.
+#pragma once
+
+#include "cuda/reyes/warp_grid.h"
+
+namespace gpurt::cuda {
+
+// Of a micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 1024 * (1024 + 256) < 2^24.
+constexpr int32_t tiny_extent = 1024;
+
+// A triangle from its vertex a, turned so that its inside is positive: edges a x + b y + c opposite to each corner.
+struct TinyTriangle {
+  float aa, ab, ac, ba, bb, ca, cb;  // those of b and c go through a
+  float za, zb, zc;
+  float threshold_a, threshold_b, threshold_c;
+};
+
+// As make_small_triangle.
+__device__ __forceinline__ bool make_tiny_triangle(float az, float bx, float by, float bz, float cx, float cy,
+                                                   float cz, TinyTriangle &t)
+{
+  const float twice_area = bx * cy - by * cx;
+  const bool is_swapped = twice_area < 0.0f;
+  const float inv_area = 1.0f / abs(twice_area);
+  const float px = is_swapped ? cx : bx, py = is_swapped ? cy : by, qx = is_swapped ? bx : cx,
+              qy = is_swapped ? by : cy;
+  t.aa = py - qy;
+  t.ab = qx - px;
+  t.ac = (qy - py) * px - (qx - px) * py;
+  t.ba = qy;
+  t.bb = -qx;
+  t.ca = -py;
+  t.cb = px;
+  t.threshold_a = edge_threshold(px, py, qx, qy);
+  t.threshold_b = edge_threshold(qx, qy, 0.0f, 0.0f);
+  t.threshold_c = edge_threshold(0.0f, 0.0f, px, py);
+  t.za = az * inv_area;
+  t.zb = (is_swapped ? cz : bz) * inv_area;
+  t.zc = (is_swapped ? bz : cz) * inv_area;
+  return twice_area != 0.0f;
+}
+
+// As `cover`.
+__device__ __forceinline__ float cover_tiny(const TinyTriangle &t, float x, float y)
+{
+  const float ea = fma(t.aa, x, fma(t.ab, y, t.ac)), eb = fma(t.ba, x, t.bb * y), ec = fma(t.ca, x, t.cb * y);
+  const float z = ea * t.za + eb * t.zb + ec * t.zc;
+  return ea > t.threshold_a && eb > t.threshold_b && ec > t.threshold_c ? z : 0.0f;
+}
+
+// A lane's way through the samples of some cells, as SampleWalk's, with places from a micropolygon's first vertex.
+class TinyWalk {
+ public:
+  __device__ TinyWalk(const SampleGrid &g, int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t ax,
+                      int32_t ay, bool is_there)
+      : cells_{0, 0, -1, -1}, ax_(ax), ay_(ay)
+  {
+    is_there = is_there && cells_of_box(g, x0, y0, x1, y1, cells_);
+    pixel_ = (cells_.x0 >> cell_shift(g)) - 1;
+    y_ = is_there ? cells_.y0 : cells_.y1 + 1;
+    seek(g);
+  }
+  __device__ uint32_t place(const SampleGrid &g) const { return g.places[k_]; }
+  __device__ bool is_at_sample() const { return k_ < end_; }
+  __device__ uint32_t slot(const SampleGrid &) const { return k_; }
+  __device__ void advance(const SampleGrid &g)
+  {
+    ++k_;
+    seek(g);
+  }
+  // A byte behind the bits of 2^23 is 2^23 more than its value, exactly, and so is the sum.
+  __device__ float x(uint32_t place) const { return __uint_as_float(0x4b000000u | (place & 255)) + base_x_; }
+  __device__ float y(uint32_t place) const { return __uint_as_float(0x4b000000u | place >> 8) + base_y_; }
+
+ private:
+  __device__ void seek(const SampleGrid &g)
+  {
+    while (k_ >= end_ && y_ <= cells_.y1) {
+      const int32_t s = cell_shift(g);
+      if (++pixel_ > cells_.x1 >> s) {
+        pixel_ = (cells_.x0 >> s) - 1;
+        ++y_;
+        continue;
+      }
+      const int32_t first = pixel_ << s;
+      const uint32_t row = cell_index(g, first, y_) - uint32_t(first);
+      k_ = g.first[row + uint32_t(max(cells_.x0, first))];
+      end_ = g.first[row + uint32_t(min(cells_.x1, first + (1 << s) - 1)) + 1];
+      base_x_ = float(g.x0 + (pixel_ << unit_bits) - ax_) - 0x1p23f;
+      base_y_ = float(g.y0 + (y_ >> s << unit_bits) - ay_) - 0x1p23f;
+    }
+  }
+
+  CellRange cells_;
+  int32_t ax_, ay_, pixel_, y_;
+  uint32_t k_ = 0, end_ = 0;
+  float base_x_ = 0.0f, base_y_ = 0.0f;
+};
+
+// The same through pixels with masks: what lies in the eighths that the box touches, of four pixels at a time, so that lanes
+// mostly look up once, together.
+class MaskWalk {
+ public:
+  __device__ MaskWalk(const SampleGrid &g, int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t ax,
+                      int32_t ay, bool is_there)
+      : x0_(x0 - g.x0), y0_(y0 - g.y0), x1_(x1 - g.x0), y1_(y1 - g.y0), ax_(ax - g.x0), ay_(ay - g.y0)
+  {
+    x_ = max(x0_ >> unit_bits, 0);
+    y_ = max(y0_ >> unit_bits, 0);
+    if (!is_there || x_ > last_x(g)) y_ = last_y(g) + 1;
+    look_up(g);
+  }
+  __device__ bool is_at_sample() const { return bits_ != 0; }
+  __device__ uint32_t slot(const SampleGrid &g) const { return pixel(g) * g.samples_per_pixel + sample(); }
+  __device__ uint32_t place(const SampleGrid &g) const { return g.places[pixel(g) * most_masked + sample()]; }
+  __device__ void advance(const SampleGrid &g)
+  {
+    bits_ &= bits_ - 1;
+    if (bits_ == 0 && is_wide_) {
+      next(g);
+      look_up(g);
+    }
+  }
+  // A byte behind the bits of 2^23 is 2^23 more than its value, exactly, and so is the sum.
+  __device__ float x(uint32_t place) const
+  {
+    return __uint_as_float(0x4b000000u | (place & 255)) + (base_x_ + float(which() & 1) * units_per_pixel);
+  }
+  __device__ float y(uint32_t place) const
+  {
+    return __uint_as_float(0x4b000000u | place >> 8) + (base_y_ + float(which() >> 1) * units_per_pixel);
+  }
+
+ private:
+  __device__ int32_t last_x(const SampleGrid &g) const { return min(x1_ >> unit_bits, g.cells_x - 1); }
+  __device__ int32_t last_y(const SampleGrid &g) const { return min(y1_ >> unit_bits, g.cells_y - 1); }
+  __device__ uint32_t first_bit() const { return uint32_t(__ffsll((long long)(bits_))) - 1; }
+  __device__ uint32_t sample() const { return first_bit() % most_masked; }
+  __device__ uint32_t which() const { return first_bit() / most_masked; }
+  __device__ uint32_t pixel(const SampleGrid &g) const
+  {
+    return pixel_ + (which() & 1) + (which() >> 1) * uint32_t(g.cells_x);
+  }
+  // Samples of an axis in the eighths that [from, to], from the pixel's corner, touches.
+  static __device__ uint32_t between(const uint16_t *masks, int32_t from, int32_t to)
+  {
+    const int32_t lo = max(from >> (unit_bits - 3), 0), hi = min((to >> (unit_bits - 3)) + 1, 8);
+    return masks[hi & 7] & ~(lo != 0 ? uint32_t(masks[lo]) : 0u);
+  }
+  __device__ void next(const SampleGrid &g)
+  {
+    x_ += 2;
+    if (x_ <= last_x(g)) return;
+    x_ = max(x0_ >> unit_bits, 0);
+    y_ += 2;
+  }
+  // The samples of the next two by two pixels that have some.
+  __device__ void look_up(const SampleGrid &g)
+  {
+    const int32_t end_x = last_x(g), end_y = last_y(g);
+    for (; y_ <= end_y; next(g)) {
+      pixel_ = uint32_t(y_ * g.cells_x + x_);
+      for (int32_t k = 0; k < 4; ++k) {
+        const int32_t x = x_ + (k & 1), y = y_ + (k >> 1);
+        if (x > end_x || y > end_y) continue;
+        const uint16_t *masks = g.masks + uint64_t(y * g.cells_x + x) * most_masked;
+        const int32_t corner_x = x << unit_bits, corner_y = y << unit_bits;
+        bits_ |= uint64_t(between(masks, x0_ - corner_x, x1_ - corner_x) &
+                          between(masks + 8, y0_ - corner_y, y1_ - corner_y))
+                 << most_masked * k;
+      }
+      base_x_ = float((x_ << unit_bits) - ax_) - 0x1p23f;
+      base_y_ = float((y_ << unit_bits) - ay_) - 0x1p23f;
+      is_wide_ = x_ + 2 <= end_x || y_ + 2 <= end_y;
+      if (bits_ != 0) return;
+    }
+    is_wide_ = false;
+  }
+
+  int32_t x0_, y0_, x1_, y1_, ax_, ay_, x_, y_;
+  uint64_t bits_ = 0;
+  uint32_t pixel_ = 0;
+  bool is_wide_ = false;
+  float base_x_ = 0.0f, base_y_ = 0.0f;
+};
+
+// Samples of a warp's grid that see it: where on it they lie is found out by all lanes together.
+struct SeenSamples {
+  WarpPlaces places;
+  uint32_t slot[64], quad[64];
+  float x[64], y[64];  // from the micropolygon's first vertex
+};
+
+// Where on the root a sample of a micropolygon lies: of its two triangles, if both are there equally near, the smaller.
+__device__ __forceinline__ uint64_t spot_of(const WarpGrid &g, const WarpPlaces &places, uint32_t quad,
+                                            float x, float y)
+{
+  const uint32_t width = (1u << g.piece.grid_u) + 1, num_u = width - 1;
+  const uint32_t a = (quad >> g.piece.grid_u) * width + (quad & (num_u - 1));
+  const uint32_t at[4] = {a, a + 1, a + width + 1, a + width};
+  const int32_t ox = g.x[a], oy = g.y[a];
+  float nearest = 0.0f;
+  uint64_t spot = ~uint64_t(0);
+  for (int i = 0; i < 2; ++i) {
+    const uint32_t k[3] = {at[0], at[i + 1], at[i + 2]};
+    SmallTriangle t;
+    if (!make_small_triangle(0.0f, 0.0f, g.z[k[0]], float(g.x[k[1]] - ox), float(g.y[k[1]] - oy), g.z[k[1]],
+                             float(g.x[k[2]] - ox), float(g.y[k[2]] - oy), g.z[k[2]], t)) {
+      continue;
+    }
+    float share_b, share_c;
+    const float z = cover(t, x, y, share_b, share_c);
+    if (!(z > 0.0f && z >= nearest)) continue;
+    const Vec2f corners[3] = {
+        {places.u[k[0]], places.v[k[0]]}, {places.u[k[1]], places.v[k[1]]}, {places.u[k[2]], places.v[k[2]]}};
+    const uint64_t key = place_key(cover_uv(t, corners, z, share_b, share_c));
+    spot = z > nearest ? key : min(spot, key);
+    nearest = z;
+  }
+  return spot;
+}
+
+// The last n of the samples that were seen, at most a warp's.
+__device__ __forceinline__ void put_spots(const ReyesBatch &b, const WarpGrid &g, const SeenSamples &seen,
+                                          uint32_t first, uint32_t n, uint32_t lane)
+{
+  __syncwarp();
+  if (lane < n) {
+    const uint32_t i = first + lane;
+    atomicMin(b.samples.spots + seen.slot[i],
+              static_cast<unsigned long long>(spot_of(g, seen.places, seen.quad[i], seen.x[i], seen.y[i])));
+  }
+  __syncwarp();
+}
+
+// What a look at the micropolygons is for: what is nearest, where on it samples lie, or what is nearest with its light.
+enum class Look { Nearest, Spots, OwnLight };
+
+// `light`: packed, of micropolygons with light of their own; `seen`: of looks for spots. Both else null.
+template <Look look, class Walk>
+__device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid &g, bool is_in_front,
+                                             uint32_t leaf, uint32_t root, const WarpLight *light,
+                                             SeenSamples *seen, uint32_t lane, uint32_t &num_fragments)
+{
+  constexpr bool finds_spots = look == Look::Spots, has_light = look == Look::OwnLight;
+  const uint32_t num_u = 1u << g.piece.grid_u, width = num_u + 1,
+                 num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);
+  uint32_t num_seen = 0;
+  for (uint32_t first = 0; first < num_quads; first += 32) {
+    const uint32_t q = first + lane;
+    const bool is_quad = q < num_quads;
+    const uint32_t ia = is_quad ? (q >> g.piece.grid_u) * width + (q & (num_u - 1)) : 0, ib = ia + 1,
+                   ic = ia + width + 1, id = ia + width;
+    const int32_t ax = g.x[ia], ay = g.y[ia], bx = g.x[ib], by = g.y[ib], cx = g.x[ic], cy = g.y[ic],
+                  dx = g.x[id], dy = g.y[id];
+    const int32_t x0 = min(min(ax, bx), min(cx, dx)), x1 = max(max(ax, bx), max(cx, dx));
+    const int32_t y0 = min(min(ay, by), min(cy, dy)), y1 = max(max(ay, by), max(cy, dy));
+    const bool is_tiny = is_in_front && x1 - x0 <= tiny_extent && y1 - y0 <= tiny_extent;
+    if (__any_sync(all_lanes, is_quad && !is_tiny)) {
+      if (lane == 0) b.rest[atomicAdd(&b.numbers->num_rest, 1u)] = leaf * 8 + first / 32;
+      break;
+    }
+    TinyTriangle s, t;
+    const float za = g.z[ia], zc = g.z[ic];
+    const float rcx = float(cx - ax), rcy = float(cy - ay);
+    const bool has_s = make_tiny_triangle(za, float(bx - ax), float(by - ay), g.z[ib], rcx, rcy, zc, s);
+    const bool has_t = make_tiny_triangle(za, rcx, rcy, zc, float(dx - ax), float(dy - ay), g.z[id], t);
+    const bool is_there = is_quad && (has_s || has_t);
+    // What samples keep: the root's number or, in its place, light.
+    uint32_t kept = root;
+    if constexpr (has_light) kept = ~light_of(b, g, *light, is_quad ? q : 0);
+    // One without area covers nothing.
+    if (!has_s) s.threshold_a = infinity;
+    if (!has_t) t.threshold_a = infinity;
+    Walk walk(b.samples, x0, y0, x1, y1, ax, ay, is_there);
+    while (__any_sync(all_lanes, walk.is_at_sample())) {
+      float z = 0.0f, x = 0.0f, y = 0.0f;
+      if (walk.is_at_sample()) {
+        const uint32_t place = walk.place(b.samples);
+        x = walk.x(place);
+        y = walk.y(place);
+        const float zs = cover_tiny(s, x, y), zt = cover_tiny(t, x, y);
+        z = zt > zs ? zt : zs;
+      }
+      if constexpr (finds_spots) {
+        const bool takes = z > 0.0f && b.samples.keys[walk.slot(b.samples)] == sample_key_of(z, root);
+        const uint32_t takers = __ballot_sync(all_lanes, takes);
+        if (takes) {
+          const uint32_t i = num_seen + uint32_t(__popc(takers & ((1u << lane) - 1)));
+          seen->slot[i] = walk.slot(b.samples);
+          seen->quad[i] = q;
+          seen->x[i] = x;
+          seen->y[i] = y;
+        }
+        num_seen += uint32_t(__popc(takers));
+        if (num_seen >= 32) {
+          num_seen -= 32;
+          put_spots(b, g, *seen, num_seen, 32, lane);
+        }
+      } else {
+        num_fragments += z > 0.0f ? 1 : 0;
+        __syncwarp();
+        if (z > 0.0f) put<false>(b, walk.slot(b.samples), kept, z, {});
+      }
+      if (walk.is_at_sample()) walk.advance(b.samples);
+    }
+  }
+  if constexpr (finds_spots) put_spots(b, g, *seen, 0, num_seen, lane);
+  __syncwarp();
+}
+
+// What the warps of a kernel counted.
+struct GridCounts {
+  uint32_t grids = 0, micropolygons = 0, shaded = 0, fragments = 0;
+
+  __device__ void add_to(ReyesNumbers &numbers) const
+  {
+    if (threadIdx.x % 32 == 0) {
+      if (grids != 0) atomicAdd(&numbers.num_grids, static_cast<unsigned long long>(grids));
+      if (micropolygons != 0)
+        atomicAdd(&numbers.num_micropolygons, static_cast<unsigned long long>(micropolygons));
+      if (shaded != 0) atomicAdd(&numbers.num_shaded, static_cast<unsigned long long>(shaded));
+    }
+    add_of_lanes(&numbers.num_fragments, fragments);
+  }
+};
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,199 @@
+// REYES' schedules on CUDA devices: kernels of their own, counters that say what they did, and one image.
+#include <gpurt_cuda.h>
+
+#include "../support/patch_shapes.h"
+
+namespace gpurt_test {
+namespace {
+
+struct Choice {
+  gpurt_launch launch;
+  gpurt_traversal traversal;
+};
+
+const std::vector<Choice> choices = {
+    {GPURT_LAUNCH_AUTO, GPURT_TRAVERSAL_AUTO},          {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK},
+    {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_STACK},   {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_LEAF_LISTS},
+    {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_LEAF_LISTS}, {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_UBER},
+    {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_UBER}};
+
+// Many dented patches, a floor that one block alone could not cut, and a wall through the eye.
+Scene scene_on(gpurt_device device)
+{
+  Scene scene;
+  GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
+  const std::vector<PatchNet> nets = closed_patches(6, 0.1, 3);
+  add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.5f, 0.1f}, {0, 0, 0}, 0.4f),
+              {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {0.5f, 0, 0, 1.2f, 0, 0.5f, 0, 0, 0, 0, 0.5f, 0.3f}});
+  add_patches(scene, {flat_patch({-50, -1.1f, -50}, {100, 0, 0}, {0, 0, 100}),
+                      flat_patch({1.5f, -1, -1}, {0, 2, 0}, {0, 0, 6})});
+  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+  for (float &c : light.intensity) c = 20;
+  light.position[0] = light.position[1] = light.position[2] = 2;
+  uint32_t id;
+  GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
+  add_camera(scene, {0.3f, 0.3f, 3.5f}, 1.0f);
+  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+  build.accel = GPURT_ACCEL_BVH;
+  build.patch_tolerance = 0.01f;
+  GPURT_EXPECT_OK(gpurt_scene_commit(scene, &build));
+  return scene;
+}
+
+gpurt_render_desc description(const Choice &choice, gpurt_reyes_shading shading)
+{
+  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+  desc.pipeline = GPURT_PIPELINE_REYES;
+  desc.samples_per_pixel = 9;
+  desc.reyes.no_shadows = 1;
+  desc.reyes.shading = shading;
+  desc.schedule.launch = choice.launch;
+  desc.schedule.traversal = choice.traversal;
+  return desc;
+}
+
+std::vector<float> picture(gpurt_scene scene, const Choice &choice, gpurt_reyes_shading shading,
+                           uint32_t size, gpurt_statistics &facts)
+{
+  RenderOptions o;
+  o.width = o.height = size;
+  const Frame frame = make_frame(scene, o);
+  const gpurt_render_desc desc = description(choice, shading);
+  Job job;
+  GPURT_EXPECT_OK(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()));
+  GPURT_EXPECT_OK(gpurt_job_wait(job, GPURT_WAIT_FOREVER));
+  facts = GPURT_STATISTICS_INIT;
+  GPURT_EXPECT_OK(gpurt_frame_get_statistics(frame, &facts));
+  return read_color(frame, o);
+}
+
+uint64_t launches_of(gpurt_device device, const std::string &name)
+{
+  uint32_t count = 0;
+  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, nullptr, 0, &count));
+  std::vector<gpurt_cuda_kernel> kernels(count);
+  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, kernels.data(), count, &count));
+  uint64_t n = 0;
+  for (const gpurt_cuda_kernel &k : kernels) n += name == k.name ? k.num_launches : 0;
+  return n;
+}
+
+bool has_same_bits(const std::vector<float> &a, const std::vector<float> &b)
+{
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
+}
+
+TEST(CudaReyesSchedules, GiveOneImageAndCountWhatTheyDid)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  const Scene scene = scene_on(device);
+  const std::string fused = "REYES stages 'dice', 'shade' and 'sample'";
+  const std::vector<const char *> split_kernels = {
+      "", "REYES stage 'split', a level", "REYES stage 'split', queues of blocks", "REYES stage 'split'"};
+  for (const gpurt_reyes_shading shading :
+       {GPURT_REYES_SHADING_SAMPLES, GPURT_REYES_SHADING_MICROPOLYGONS, GPURT_REYES_SHADING_BLOCKS}) {
+    std::vector<float> expected;
+    gpurt_statistics first = GPURT_STATISTICS_INIT;
+    for (const Choice &choice : choices) {
+      const bool is_fused = choice.traversal <= GPURT_TRAVERSAL_STACK;
+      if (shading == GPURT_REYES_SHADING_SAMPLES && !is_fused) continue;
+      SCOPED_TRACE(testing::Message() << "shading " << shading << ", launch " << choice.launch
+                                      << ", traversal " << choice.traversal);
+      const gpurt_launch launch = choice.launch != GPURT_LAUNCH_AUTO ? choice.launch : GPURT_LAUNCH_ROUNDS;
+      const uint64_t split_before = launches_of(device, split_kernels[launch]),
+                     fused_before = launches_of(device, fused),
+                     dice_before = launches_of(device, "REYES stage 'dice'"),
+                     shade_before = launches_of(device, "REYES stage 'shade'"),
+                     sample_before = launches_of(device, "REYES stage 'sample'"),
+                     uber_before = launches_of(device, fused + ", by what waits");
+      gpurt_statistics s;
+      const std::vector<float> color = picture(scene, choice, shading, 300, s);
+      if (expected.empty()) {
+        expected = color;
+        first = s;
+        EXPECT_GT(mean(color), 0.01);
+      }
+      EXPECT_TRUE(has_same_bits(color, expected));
+      const gpurt_reyes_counters &c = s.reyes_counters;
+      EXPECT_EQ(c.num_micropolygons, first.reyes_counters.num_micropolygons);
+      EXPECT_EQ(c.num_grids, first.reyes_counters.num_grids);
+      EXPECT_EQ(c.num_splits, first.reyes_counters.num_splits);
+      EXPECT_EQ(s.schedule.launch, launch);
+      EXPECT_EQ(s.schedule.traversal, is_fused ? GPURT_TRAVERSAL_STACK : choice.traversal);
+      // Kernels of their own.
+      const uint64_t num_split = launches_of(device, split_kernels[launch]) - split_before;
+      EXPECT_GT(num_split, 0u);
+      if (launch == GPURT_LAUNCH_REGULAR) EXPECT_EQ(num_split, c.split_rounds);
+      else EXPECT_GT(c.split_rounds, 3u);
+      if (launch == GPURT_LAUNCH_PERSISTENT) EXPECT_GT(c.num_donated, 0u);
+      else EXPECT_EQ(c.num_donated, 0u);
+      const uint64_t rounds = s.schedule_counters.list_rounds;
+      EXPECT_EQ(rounds > 0, choice.traversal == GPURT_TRAVERSAL_LEAF_LISTS);
+      EXPECT_EQ(launches_of(device, "REYES stage 'dice'") - dice_before, rounds);
+      EXPECT_EQ(launches_of(device, "REYES stage 'shade'") - shade_before, rounds);
+      EXPECT_EQ(launches_of(device, "REYES stage 'sample'") - sample_before, rounds);
+      EXPECT_EQ(launches_of(device, fused + ", by what waits") - uber_before,
+                choice.traversal == GPURT_TRAVERSAL_UBER ? 1u : 0u);
+      EXPECT_EQ(s.schedule_counters.mode_switches > 0, choice.traversal == GPURT_TRAVERSAL_UBER);
+      EXPECT_EQ(launches_of(device, fused) - fused_before,
+                is_fused && shading != GPURT_REYES_SHADING_SAMPLES ? 1u : 0u);
+    }
+  }
+}
+
+// Lists that are full end what runs, and it goes on where it was.
+TEST(CudaReyesSchedules, GiveThatImageInLittleMemory)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  std::vector<float> expected;
+  for (const uint64_t mebibytes : {0, 48, 24}) {
+    const Device device = make_device(GPURT_DEVICE_CUDA, 0, mebibytes << 20);
+    const Scene scene = scene_on(device);
+    for (const Choice &choice : choices) {
+      SCOPED_TRACE(testing::Message()
+                   << mebibytes << " MiB, launch " << choice.launch << ", traversal " << choice.traversal);
+      gpurt_statistics s;
+      const std::vector<float> color = picture(scene, choice, GPURT_REYES_SHADING_MICROPOLYGONS, 150, s);
+      if (expected.empty()) expected = color;
+      EXPECT_TRUE(has_same_bits(color, expected));
+    }
+  }
+}
+
+TEST(CudaReyesSchedules, RefuseStagesOfSamples)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  const Scene scene = scene_on(device);
+  const Frame frame = make_frame(scene, {});
+  for (const gpurt_traversal traversal : {GPURT_TRAVERSAL_LEAF_LISTS, GPURT_TRAVERSAL_UBER}) {
+    const gpurt_render_desc desc = description({GPURT_LAUNCH_AUTO, traversal}, GPURT_REYES_SHADING_SAMPLES);
+    Job job;
+    EXPECT_EQ(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()), GPURT_ERROR_UNSUPPORTED);
+    EXPECT_NE(std::string(gpurt_last_error()).find("GPURT_REYES_SHADING_MICROPOLYGONS"), std::string::npos);
+  }
+}
+
+TEST(ReyesSchedules, AreCudaDevices)
+{
+  const Device device = make_device(GPURT_DEVICE_CPU);
+  const Scene scene = scene_on(device);
+  const Frame frame = make_frame(scene, {});
+  for (const Choice &choice : choices) {
+    const bool is_there = choice.launch <= GPURT_LAUNCH_REGULAR && choice.traversal <= GPURT_TRAVERSAL_STACK;
+    gpurt_render_desc desc = description(choice, GPURT_REYES_SHADING_MICROPOLYGONS);
+    desc.samples_per_pixel = 1;
+    Job job;
+    EXPECT_EQ(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()),
+              is_there ? GPURT_OK : GPURT_ERROR_UNSUPPORTED);
+  }
+  // Rays have no rounds of cutting.
+  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+  desc.schedule.launch = GPURT_LAUNCH_ROUNDS;
+  Job job;
+  EXPECT_EQ(gpurt_frame_submit(make_frame(scene, {}), &desc, nullptr, 0, job.out()), GPURT_ERROR_UNSUPPORTED);
+}
+
+}  // namespace
+}  // namespace gpurt_test
