@@ -2,11 +2,12 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdlib>
 #include <cstring>
 #include <new>
 #include <type_traits>
 #include <utility>
+
+#include "frame/film_memory.h"
 
 namespace gpurt {
 
@@ -19,35 +20,38 @@ class ZeroedArray {
   ZeroedArray(const ZeroedArray &other)
   {
     reset(other.size_);
-    if (size_ != 0) std::memcpy(data_, other.data_, size_ * sizeof(T));
+    if (size_ != 0) std::memcpy(static_cast<void *>(data_), other.data_, size_ * sizeof(T));
   }
   ZeroedArray(ZeroedArray &&other) noexcept
       : data_(std::exchange(other.data_, nullptr)),
         size_(std::exchange(other.size_, 0)),
-        capacity_(std::exchange(other.capacity_, 0))
+        capacity_bytes_(std::exchange(other.capacity_bytes_, 0))
   {}
   ZeroedArray &operator=(ZeroedArray other) noexcept
   {
     std::swap(data_, other.data_);
     std::swap(size_, other.size_);
-    std::swap(capacity_, other.capacity_);
+    std::swap(capacity_bytes_, other.capacity_bytes_);
     return *this;
   }
-  ~ZeroedArray() { std::free(data_); }
+  ~ZeroedArray()
+  {
+    if (data_ != nullptr) give_memory_back(data_, capacity_bytes_);
+  }
 
   /// `n` zeros. Throws std::bad_alloc.
   void reset(size_t n)
   {
-    if (n <= capacity_) {
-      if (n != 0) std::memset(static_cast<void *>(data_), 0, n * sizeof(T));
+    if (n > ~size_t(0) / sizeof(T)) throw std::bad_alloc();
+    const size_t bytes = n * sizeof(T);
+    if (bytes <= capacity_bytes_) {
+      if (n != 0) clear_memory(data_, bytes);
     } else {
-      auto *data = static_cast<T *>(n <= ~size_t(0) / sizeof(T) ? std::malloc(n * sizeof(T)) : nullptr);
-      if (data == nullptr) throw std::bad_alloc();
-      // Touched here, by one thread: pages that many threads touch first at a time take twice as long in all.
-      std::memset(static_cast<void *>(data), 0, n * sizeof(T));
-      std::free(data_);
-      data_ = data;
-      capacity_ = n;
+      size_t capacity;
+      void *data = take_zeroed_memory(bytes, capacity);
+      if (data_ != nullptr) give_memory_back(data_, capacity_bytes_);
+      data_ = static_cast<T *>(data);
+      capacity_bytes_ = capacity;
     }
     size_ = n;
   }
@@ -65,7 +69,7 @@ class ZeroedArray {
 
  private:
   T *data_ = nullptr;
-  size_t size_ = 0, capacity_ = 0;
+  size_t size_ = 0, capacity_bytes_ = 0;
 };
 
 }  // namespace gpurt
