@@ -11,6 +11,9 @@ namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
 
 constexpr uint32_t samples_per_run = 64;
+// Samples that a micropolygon looks at at a time, of the few that its cells of a row have. x, y, z and root of a block may be
+// read so far beyond their ends, and written what they hold: other arrays of the same thread follow (ReyesMemory).
+constexpr uint32_t samples_per_vector = 8;
 
 // Packed light of a grid's micropolygons, or of its blocks of them.
 struct GridLight {
@@ -150,20 +153,26 @@ class BlockSampler {
     for (int32_t row = cells.y0; row <= cells.y1; ++row) {
       const uint32_t cell = uint32_t(row) * uint32_t(block_.cells_x);
       const uint32_t end = block_.first[cell + uint32_t(cells.x1) + 1];
-      for (uint32_t first = block_.first[cell + uint32_t(cells.x0)]; first < end; first += samples_per_run) {
-        const uint32_t n = min(end - first, samples_per_run);
-        float z[samples_per_run];
+      for (uint32_t first = block_.first[cell + uint32_t(cells.x0)]; first < end;
+           first += samples_per_vector) {
+        // Always a whole vector: what lies behind the run is computed and not taken.
+        const uint32_t n = min(end - first, samples_per_vector);
+        float z[samples_per_vector];
         const float *px = block_.x + first, *py = block_.y + first, *old_z = block_.z + first;
         uint32_t any = 0;
-        for (uint32_t k = 0; k < n; ++k) {
+        for (uint32_t k = 0; k < samples_per_vector; ++k) {
           float p, q;
           const float zs = cover(s, px[k], py[k], p, q), zt = cover(t, px[k], py[k], p, q);
           const float nearest = zt > zs ? zt : zs;
-          const float taken = nearest >= old_z[k] ? nearest : 0.0f;
+          const float taken = (nearest >= old_z[k]) & (k < n) ? nearest : 0.0f;
           z[k] = taken;
           any |= float_bits(taken);
         }
         if (any == 0) continue;
+        if (has_own_light_) {
+          take_light(first, z);
+          continue;
+        }
         for (uint32_t k = 0; k < n; ++k) {
           if (!(z[k] > 0.0f)) continue;
           // A micropolygon that is not convex may cover a sample twice.
@@ -208,6 +217,21 @@ class BlockSampler {
         }
       }
     }
+  }
+
+  // Samples first .. whose z is not 0: of equally near light the larger number stays, whatever comes first.
+  void take_light(uint32_t first, const float (&z)[samples_per_vector])
+  {
+    float *old_z = block_.z + first;
+    uint32_t *old_light = block_.root + first;
+    uint32_t num = 0;
+    for (uint32_t k = 0; k < samples_per_vector; ++k) {
+      const bool takes = (z[k] > 0.0f) & ((z[k] > old_z[k]) | (light_ > old_light[k]));
+      old_z[k] = takes ? z[k] : old_z[k];
+      old_light[k] = takes ? light_ : old_light[k];
+      num += takes ? 1 : 0;
+    }
+    num_fragments_ += num;
   }
 
   // What is as near as what the sample has, or nearer.
