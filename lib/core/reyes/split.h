@@ -342,8 +342,10 @@ GPURT_HD inline PieceAction choose_action(Piece &p, bool is_in_front, float leng
   const bool wants_v = p.edge[2] == open_edge || p.edge[3] == open_edge || inner_v > max_segment_bits;
   const bool can_u = p.u_bits > smallest_piece_bits, can_v = p.v_bits > smallest_piece_bits;
   const bool longer_u = length_u >= length_v;
-  // Both at once leaves half as many levels. Through the eye plane the longer one alone: more can be culled.
-  if (is_in_front && wants_u && can_u && wants_v && can_v) return PieceAction::SplitBoth;
+  // Both at once leaves half as many levels. Through the eye plane the longer one alone, where it is much longer: more can be
+  // culled.
+  const bool suits_both = is_in_front || (length_u <= 2.0f * length_v && length_v <= 2.0f * length_u);
+  if (suits_both && wants_u && can_u && wants_v && can_v) return PieceAction::SplitBoth;
   if (wants_u && can_u && (longer_u || !(wants_v && can_v))) return PieceAction::SplitU;
   if (wants_v && can_v) return PieceAction::SplitV;
   p.grid_u = uint8_t(max(max(edge_segment_bits(p.edge[0], p.u_bits), edge_segment_bits(p.edge[1], p.u_bits)),

@@ -14,12 +14,17 @@ struct RasterSample {
   int32_t x, y;
 };
 
+__device__ RasterSample raster_sample(const SamplePlaces &p, const PathSample &s, Vec2f u)
+{
+  const Vec2f offset = place_sample(p.filter, p.table, u).offset;
+  return {int32_t(floor(offset.x * units_per_pixel)) + int32_t(s.x) * (1 << unit_bits),
+          int32_t(floor(offset.y * units_per_pixel)) + int32_t(s.y) * (1 << unit_bits)};
+}
+
 __device__ RasterSample raster_sample(const SamplePlaces &p, const PathSample &s)
 {
   const SampleKey key = sample_key(p.seed, p.frame_index, s.x, s.y, s.sample);
-  const Vec2f offset = place_sample(p.filter, p.table, sample_2d(key, dim_pixel)).offset;
-  return {int32_t(floor(offset.x * units_per_pixel)) + int32_t(s.x) * (1 << unit_bits),
-          int32_t(floor(offset.y * units_per_pixel)) + int32_t(s.y) * (1 << unit_bits)};
+  return raster_sample(p, s, sample_2d(key, dim_pixel));
 }
 
 __device__ uint16_t place_in_pixel(const SampleGrid &grid, RasterSample s)
@@ -134,18 +139,25 @@ __global__ void __launch_bounds__(block_size)
   __shared__ uint16_t found[most_masked][block_size];
   const uint32_t i = uint32_t(thread_item());
   if (i >= num_pixels) return;
-  PathSample s = path_sample(p.unit, i);
+  const PathSample s = path_sample(p.unit, i);
   const uint32_t num = uint32_t(p.num_samples);
   constexpr uint64_t ones = 0x0001000100010001u;
   // Entries 0 .. 3 and 4 .. 7 of an axis. A sample in eighth e lies left of eighths e + 1 and on.
   uint64_t low[2] = {0, 0}, high[2] = {0, 0};
-  for (uint32_t k = 0; k < num; ++k, ++s.sample) {
-    const uint16_t place = place_in_pixel(grid, raster_sample(p, s));
-    found[k][threadIdx.x] = place;
-    for (int axis = 0; axis < 2; ++axis) {
-      const uint32_t e = (axis == 0 ? place & 255u : uint32_t(place) >> 8) >> (unit_bits - 3);
-      low[axis] |= (uint64_t(1) | (e < 3 ? ones << 16 * (e + 1) : 0)) << k;
-      high[axis] |= (e < 4 ? ones : (e < 7 ? ones << 16 * (e - 3) : 0)) << k;
+  // Even and odd samples have a sequence each, whose seed is found once (sample_key).
+  for (uint32_t parity = 0; parity < 2; ++parity) {
+    SampleKey key = sample_key(p.seed, p.frame_index, s.x, s.y, s.sample + parity);
+    for (uint32_t k = parity; k < num; k += 2) {
+      const uint64_t sample = s.sample + k;
+      if (sample >> 33 != s.sample >> 33) key = sample_key(p.seed, p.frame_index, s.x, s.y, sample);
+      key.reversed_index = reverse_bits(uint32_t(sample >> 1));
+      const uint16_t place = place_in_pixel(grid, raster_sample(p, s, sample_2d(key, dim_pixel)));
+      found[k][threadIdx.x] = place;
+      for (int axis = 0; axis < 2; ++axis) {
+        const uint32_t e = (axis == 0 ? place & 255u : uint32_t(place) >> 8) >> (unit_bits - 3);
+        low[axis] |= (uint64_t(1) | (e < 3 ? ones << 16 * (e + 1) : 0)) << k;
+        high[axis] |= (e < 4 ? ones : (e < 7 ? ones << 16 * (e - 3) : 0)) << k;
+      }
     }
   }
   for (uint32_t k = num; k < most_masked; ++k) found[k][threadIdx.x] = 0;

@@ -36,7 +36,7 @@ class ReyesRenderer {
 
   void run(Lane &lane, const std::atomic<bool> &stop)
   {
-    const std::unique_ptr<Workspace> work = allocate(lane.stream());
+    const std::unique_ptr<Workspace> work = allocate(lane);
     const WaitAtEnd wait(lane.stream());
     for (const UnitGroup &group : work->groups) {
       if (stop || is_cancelled() || !render_group(group, *work, lane)) return;
@@ -58,18 +58,18 @@ class ReyesRenderer {
   }
 
   // The largest groups, lists and waves that memory has room for.
-  std::unique_ptr<Workspace> allocate(cudaStream_t stream) const
+  std::unique_ptr<Workspace> allocate(Lane &lane) const
   {
     for (unsigned level = 0;; ++level) {
       try {
-        return allocate_level(level, stream);
+        return allocate_level(level, lane);
       } catch (const Error &e) {
         if (e.result() != GPURT_ERROR_OUT_OF_MEMORY || level + 1 == num_levels) throw;
       }
     }
   }
 
-  std::unique_ptr<Workspace> allocate_level(unsigned level, cudaStream_t stream) const
+  std::unique_ptr<Workspace> allocate_level(unsigned level, Lane &lane) const
   {
     auto work = std::make_unique<Workspace>();
     work->groups = group_units(pass_.units, std::max(max_group_samples >> level, min_group_samples),
@@ -85,11 +85,11 @@ class ReyesRenderer {
     }
     work->samples.emplace(memory_, reyes_, *pass_.reyes, pass_.reyes_schedule,
                           ReyesListSizes::at_level(level, reyes_.num_roots), num_samples, num_cells,
-                          has_masks);
+                          has_masks, lane.to_device);
     const uint32_t wave_paths = std::max(max_wave_paths >> level, min_wave_paths);
     if (needs_rays_)
       work->wave.emplace(memory_, uint32_t(std::min<uint64_t>(num_samples, wave_paths)), pass_.schedule,
-                         stream);
+                         lane.stream());
     work->film = {memory_, work->film_bytes, "the film of a group of units"};
     return work;
   }

@@ -86,7 +86,7 @@ VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListS
 VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesDeviceScene &scene,
                                const ReyesSettings &settings, const ReyesSchedule &schedule,
                                const ReyesListSizes &sizes, uint64_t num_samples, uint64_t num_cells,
-                               bool has_masks)
+                               bool has_masks, PinnedBuffer &pinned)
     : num_roots_(scene.num_roots),
       settings_(settings),
       schedule_(schedule),
@@ -98,7 +98,8 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
               lay_out(nullptr, sizes, num_samples, num_cells, scene.num_roots, settings, schedule, has_masks)
                   .bytes,
               "what REYES samples see, and its lists"),
-      has_meshes_(scene.has_meshes)
+      has_meshes_(scene.has_meshes),
+      pinned_(pinned)
 {
   const bool has_filter = settings.filter != ReyesFilter::Box;
   const Arrays a =

@@ -26,10 +26,10 @@ struct ReyesListSizes {
 /// Memory of a lane for groups of samples, and the stages from 'transform' to 'sample' that run in it.
 class VisibleSamples {
  public:
-  /// For groups of up to `num_samples` in `num_cells`. Throws OUT_OF_MEMORY.
+  /// For groups of up to `num_samples` in `num_cells`. Counts come through `pinned`. Throws OUT_OF_MEMORY.
   VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, const ReyesDeviceScene &scene,
                  const ReyesSettings &settings, const ReyesSchedule &schedule, const ReyesListSizes &sizes,
-                 uint64_t num_samples, uint64_t num_cells, bool has_masks);
+                 uint64_t num_samples, uint64_t num_cells, bool has_masks, PinnedBuffer &pinned);
 
   /// Whether samples are found by masks of pixels: groups have at most so many a pixel, and micropolygons are small.
   static bool suits_masks(const ReyesDeviceScene &scene, const ReyesSettings &settings,
@@ -89,7 +89,7 @@ class VisibleSamples {
   // Of the last batch: its lists hold all that the group needs, and what it counted.
   bool has_all_ = false;
   ReyesNumbers batch_numbers_{};
-  PinnedBuffer pinned_;
+  PinnedBuffer &pinned_;
   std::vector<std::unique_ptr<Event>> events_;
   std::vector<Stage> stages_;
 };
