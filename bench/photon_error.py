@@ -7,6 +7,8 @@ Usage: photon_error.py SCENE.glb ... [--references DIR] [--points 32 128 512] [-
 DIR (default: `reference` beside the first scene) holds NAME.exr and references.json with each reference's size, depth and
 noise. For each number of passes:
 
+The reference's own error is allowed for.
+
   pixels   share of pixels and channels whose error is not above GPURT_OUTPUT_ERROR
   tiles    share of tiles of 8 x 8 pixels whose root-mean-square error is not above that of GPURT_OUTPUT_ERROR
   means    share of those tiles whose mean error is not above the mean of GPURT_OUTPUT_ERROR
@@ -49,6 +51,8 @@ def measure(path: pathlib.Path, references: pathlib.Path, facts: dict[str, Any],
         s = frame.statistics
         color, bias, bound = (frame.read(k).astype(np.float64) for k in ("color", "bias", "error"))
         error = color - reference
+        # The reference's own noise, with two standard deviations.
+        bound = np.sqrt(bound**2 + 4 * facts["relmse"] * (reference**2 + 0.01))
         stated, true = np.sqrt(tiles(bound**2)), np.sqrt(tiles(error**2))
         relmse = float((error**2 / (reference**2 + 0.01)).mean()) - facts["relmse"]
         row = {"scene": path.stem, "passes": spp, "pixels": float((np.abs(error) <= bound).mean()),
