@@ -58,8 +58,8 @@ class CudaScene final : public CommittedScene, public StreamTracing {
       built_bytes += tree.nodes.bytes() + tree.references.bytes();
     }
     trace_scene_.kd_trees = kd_trees_->view();
-    trace_scene_.near_kd = kd_trees_->world();
-    trace_scene_.near_triangles = trace_scene_.near_kd.triangles;
+    trace_scene_.kd_quads = kd_trees_->quads();
+    trace_scene_.near_triangles = trace_scene_.kd_quads.triangles;
   }
   CudaScene(std::shared_ptr<SharedDevice> device, std::shared_ptr<const CompiledScene> compiled,
             const BvhTrees &trees, uint64_t most_host_triangles, const DeviceBvhAccel *previous)

@@ -66,6 +66,16 @@ GPURT_INLINE float loose_min(float a, float b, float c, float d)
 }
 #endif
 
+// As abs(), which compilers for GPUs make a part of the instruction that takes it only so.
+GPURT_INLINE float size_of(float x)
+{
+#if defined(__CUDA_ARCH__)
+  return fabsf(x);
+#else
+  return abs(x);
+#endif
+}
+
 GPURT_INLINE float larger_size(float x, float y)
 {
 #if defined(__CUDA_ARCH__)
@@ -75,19 +85,29 @@ GPURT_INLINE float larger_size(float x, float y)
 #endif
 }
 
-// False for a ray that has to go the general way, misses among them.
-GPURT_INLINE bool make_near_ray(const Ray &ray, const BvhView &tree, NearRay &r)
+// What a ray has in common with all trees that it may be near.
+struct NearBegin {
+  Vec3f offset;  // of the origin from the frame's centre
+  float
+      farthest;  // the largest distance from the origin to a point of the tree, along an axis, or a little more
+  float limit;  // of |1/d|
+  float begin;  // what distances are counted from: tmin, less what `t_share` leaves to rounding
+};
+
+// False for a ray that has to go the general way, misses among them. `t_share` is of `farthest`, and is what t may be off by
+// in units of the largest |1/d|. Left to the caller are the axes.
+GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float t_share, NearRay &r,
+                                 NearBegin &n)
 {
   const Vec3f magnitude = abs(ray.direction);
   const float largest = max_component(magnitude);
-  const Vec3f offset = ray.origin - tree.frame.center;
-  // The largest distance from the origin to a point of the tree, along an axis, or a little more.
-  const Vec3f distance = abs(offset);
-  const float farthest = max_component(distance) + tree.frame.half_extent;
+  n.offset = ray.origin - frame.center;
+  const Vec3f distance = abs(n.offset);
+  n.farthest = max_component(distance) + frame.half_extent;
   // Not a number if one of them is none, which comparisons of the largest may miss.
   const float sum = (magnitude.x + magnitude.y + magnitude.z) + (distance.x + distance.y + distance.z);
-  if (!(largest >= 0x1p-40f && largest <= 0x1p40f && sum < infinity && 2.0f * farthest <= tree.frame.reach &&
-        ray.tmin <= ray.tmax && abs(ray.tmin) * largest <= 4.0f * farthest))
+  if (!(largest >= 0x1p-40f && largest <= 0x1p40f && sum < infinity && 2.0f * n.farthest <= frame.reach &&
+        ray.tmin <= ray.tmax && abs(ray.tmin) * largest <= 4.0f * n.farthest))
     return false;
   r.main_axis = main_axis_of(ray.direction);
   const int kx = r.main_axis == 2 ? 0 : r.main_axis + 1, ky = kx == 2 ? 0 : kx + 1;
@@ -96,18 +116,25 @@ GPURT_INLINE bool make_near_ray(const Ray &ray, const BvhView &tree, NearRay &r)
   r.sy = at(ray.direction, ky) * r.sz;
   r.origin = ray.origin;
   const float steepest = abs(r.sz);
-  const float limit = steepest * 0x1p30f;
-  const float t_widening = farthest * 0x1p-20f * steepest + 0x1p-146f;
-  const float begin = ray.tmin - t_widening;
-  r.end_offset = t_widening - begin;
+  n.limit = steepest * 0x1p30f;
+  const float t_widening = n.farthest * t_share * steepest + 0x1p-146f;
+  n.begin = ray.tmin - t_widening;
+  r.end_offset = t_widening - n.begin;
+  return true;
+}
+
+GPURT_INLINE bool make_near_ray(const Ray &ray, const BvhView &tree, NearRay &r)
+{
+  NearBegin n;
+  if (!begin_near_ray(ray, tree.frame, 0x1p-20f, r, n)) return false;
   const auto prepare = [&](float d, float o, float &inverse, float &size, float &shift) {
-    size = min(limit, abs(fast_reciprocal(d)));
+    size = min(n.limit, abs(fast_reciprocal(d)));
     inverse = d < 0.0f ? -size : size;
-    shift = -(o * inverse) - begin;
+    shift = -(o * inverse) - n.begin;
   };
-  prepare(ray.direction.x, offset.x, r.inverse.x, r.size.x, r.shift.x);
-  prepare(ray.direction.y, offset.y, r.inverse.y, r.size.y, r.shift.y);
-  prepare(ray.direction.z, offset.z, r.inverse.z, r.size.z, r.shift.z);
+  prepare(ray.direction.x, n.offset.x, r.inverse.x, r.size.x, r.shift.x);
+  prepare(ray.direction.y, n.offset.y, r.inverse.y, r.size.y, r.shift.y);
+  prepare(ray.direction.z, n.offset.z, r.inverse.z, r.size.z, r.shift.z);
   return true;
 }
 

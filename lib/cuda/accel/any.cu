@@ -24,7 +24,7 @@ __global__ void __launch_bounds__(block_size, Variant::min_blocks)
 void launch_any(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint8_t *occluded,
                 const RayOrder &order, cudaStream_t stream)
 {
-  if (order.scratch != nullptr && has_near_kernels(scene)) {
+  if (suits_near_kernels(scene, rays, HitLayout::Internal, occluded, order)) {
     launch_near(scene, TraceQuery::Any, rays, uint32_t(num_rays), HitLayout::Compact, occluded, order,
                 stream);
     return;

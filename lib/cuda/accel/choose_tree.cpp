@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "cuda/accel/device_kd_quads.h"
 #include "cuda/accel/near.h"
 #include "cuda/accel/probe_trees.h"
 #include "cuda/lanes.h"
@@ -34,22 +35,19 @@ struct ProbedTree {
   ProbedTree(const Group &group, const TraceScene &bvh, const DeviceKdSettings &settings,
              const std::shared_ptr<DeviceMemory> &memory, cudaStream_t stream)
       : tree(build_kd_tree_on_device(bvh.scene, group, settings, memory, stream)),
-        triangles(memory, tree.num_references, "the triangles of a kd-tree to probe"),
-        scene(bvh),
-        wait(stream)
+        quads(bvh.scene, group,
+              {tree.nodes.data(), tree.references.data(), tree.bounds, uint32_t(tree.num_nodes)},
+              tree.num_references, memory, stream),
+        scene(bvh)
   {
-    launch_gather_leaf_triangles(bvh.scene, group.first_triangle, tree.references.data(), tree.num_references,
-                                 triangles.data(), stream);
     scene.has_bvhs = false;
-    scene.near_kd = make_near_kd_view(
-        {tree.nodes.data(), tree.references.data(), tree.bounds, uint32_t(tree.num_nodes)}, triangles.data());
-    scene.near_triangles = triangles.data();
+    scene.kd_quads = quads.view();
+    scene.near_triangles = scene.kd_quads.triangles;
   }
 
   const DeviceKdTree tree;
-  const DeviceBuffer<LeafTriangle> triangles;
+  const DeviceKdQuads quads;
   TraceScene scene;
-  const WaitAtEnd wait;  // before the buffers go
 };
 
 TreeChoice probe(const Group &group, const TraceScene &bvh, const DeviceKdSettings &settings,
@@ -58,7 +56,8 @@ TreeChoice probe(const Group &group, const TraceScene &bvh, const DeviceKdSettin
   const ProbedTree kd_tree(group, bvh, settings, memory, stream);
   const DeviceBuffer<TreeWork> counted(memory, 2, "a probe's counters");
   const WaitAtEnd wait(stream);
-  if (!has_near_kernels(kd_tree.scene)) return {false, "no ray is near a kd-tree of this scene"};
+  if (!has_near_kernels(kd_tree.scene))
+    return {false, "the fast kernels do not serve a kd-tree of this scene"};
   launch_probe_trees(bvh, kd_tree.scene, uint32_t(group.num_triangles), num_probe_rays, counted.data(),
                      stream);
   TreeWork work[2];

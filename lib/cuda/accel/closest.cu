@@ -30,7 +30,7 @@ __global__ void __launch_bounds__(block_size, Variant::min_blocks)
 void launch_closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays, HitLayout layout, void *hits,
                     const RayOrder &order, cudaStream_t stream)
 {
-  if (order.scratch != nullptr && has_near_kernels(scene)) {
+  if (suits_near_kernels(scene, rays, layout, hits, order)) {
     launch_near(scene, TraceQuery::Closest, rays, uint32_t(num_rays), layout, hits, order, stream);
     return;
   }

@@ -75,12 +75,15 @@ DeviceKdAccel::DeviceKdAccel(const CompiledScene &scene, const SceneView &view, 
   place(trees.placements);
   groups_ = upload(memory, std::span<const KdGroupView>(group_views), "the kd-trees' views", stream);
   view_ = {groups_.data(), trees_.back().view, uint32_t(trees.groups.size())};
-  if (!group_views.empty()) world_ = make_near_kd_view(group_views[0].tree, group_views[0].triangles);
+  if (trees.facts.triangle_test == TriangleTest::Watertight && view.num_placements == 0 &&
+      !view.has_alpha_masks && !trees.groups.empty())
+    quads_ = DeviceKdQuads(view, scene.groups[0], trees_[0].view, trees_[0].num_references, memory, stream);
 }
 
 uint64_t DeviceKdAccel::bytes() const
 {
-  uint64_t bytes = nodes_.bytes() + references_.bytes() + triangles_.bytes() + groups_.bytes();
+  uint64_t bytes =
+      nodes_.bytes() + references_.bytes() + triangles_.bytes() + groups_.bytes() + quads_.bytes();
   for (const DeviceKdTree &tree : built_) bytes += tree.nodes.bytes() + tree.references.bytes();
   return bytes;
 }

@@ -2,8 +2,9 @@
 #pragma once
 
 #include "accel/kd_trees.h"
-#include "core/accel/near_kd.h"
+#include "core/accel/kd_accel.h"
 #include "cuda/accel/build/kd_builder.h"
+#include "cuda/accel/device_kd_quads.h"
 #include "cuda/device_memory.h"
 
 namespace gpurt::cuda {
@@ -19,8 +20,8 @@ class DeviceKdAccel {
 
   /// Pointers to device memory, valid while this lives.
   const KdAccelView &view() const { return view_; }
-  /// Group 0, which holds what lies in world space.
-  const NearKdView &world() const { return world_; }
+  /// Group 0, which holds what lies in world space; its frame has no reach where fast kernels do not serve the scene.
+  const KdQuadView &quads() const { return quads_.view(); }
   uint64_t bytes() const;
   /// Copies the tree of a group back.
   HostKdTree download(size_t group, cudaStream_t stream) const;
@@ -40,8 +41,8 @@ class DeviceKdAccel {
   DeviceBuffer<LeafTriangle> triangles_;
   DeviceBuffer<KdGroupView> groups_;
   std::vector<DeviceKdTree> built_;
+  DeviceKdQuads quads_;
   KdAccelView view_{};
-  NearKdView world_{};
 };
 
 }  // namespace gpurt::cuda

@@ -6,7 +6,7 @@
 #include "core/accel/bvh_accel.h"
 #include "core/accel/hit_ids.h"
 #include "core/accel/kd_accel.h"
-#include "core/accel/near_kd.h"
+#include "core/accel/kd_quad.h"
 #include "core/scene/scene_view.h"
 
 namespace gpurt::cuda {
@@ -17,7 +17,7 @@ struct TraceScene {
   BvhAccelView bvhs;
   bool has_bvhs;                       // else kd-trees
   BvhGroupView world;                  // of bvhs.groups[0]
-  NearKdView near_kd;                  // of kd_trees.groups[0]
+  KdQuadView kd_quads;                 // of kd_trees.groups[0]; nodes may be null
   const LeafTriangle *near_triangles;  // that the fast kernels name, of either
   int num_sms;                         // of the device
   SceneView scene;
@@ -43,6 +43,9 @@ struct RayOrder {
   const uint32_t *left_out = nullptr, *ended_at = nullptr;
 };
 uint64_t trace_scratch_words(uint64_t num_rays);
+
+/// What kernels of persistent threads with stacks are called, whichever serve the scene.
+constexpr const char *persistent_kernel_name = "kernel of persistent threads with stacks";
 
 // Each starts its kernels on the stream and returns. Rays and hits need the alignment of their members alone; fewer than
 // 2^31 rays at a time.

@@ -1,4 +1,4 @@
-// What the bvh's fast kernels leave to do, to measure hits in double above all, and the order of the kernels of a batch.
+// The order of the kernels of a batch, a look at the order of its rays, and what is left over.
 #include <algorithm>
 
 #include "cuda/accel/near_lane.h"
@@ -9,51 +9,6 @@ namespace {
 // Refilling pays from here on: smaller batches end before threads run out of work.
 constexpr uint32_t min_refill_rays = 1u << 18;
 constexpr uint32_t header_words = 64;
-
-// The general way.
-template <TraceQuery Query, bool Bvh>
-__device__ __noinline__ void trace_general(const TraceScene &s, const NearBatch &batch, uint32_t i)
-{
-  const auto &accel = [&]() -> const auto & {
-    if constexpr (Bvh) return s.bvhs;
-    else return s.kd_trees;
-  }();
-  const Ray ray = load_ray(batch.rays, i, batch.aligned_rays);
-  if constexpr (Query == TraceQuery::Any) {
-    static_cast<uint8_t *>(batch.results)[i] =
-        trace_any<TriangleTest::Watertight, false, false>(accel, s.scene, ray) ? 1 : 0;
-  } else {
-    const Hit hit = trace_closest<TriangleTest::Watertight, false, false>(accel, s.scene, ray);
-    store_closest(s, batch, i, hit,
-                  hit.triangle == invalid_id ? invalid_id : primitive_of(s.scene, hit.triangle));
-  }
-}
-
-// Measures the candidates of a ray and writes its hit, the nearest of them.
-template <TraceQuery Query, bool Bvh, class Reference>
-__device__ __forceinline__ void measure_candidates(const TraceScene &s, const NearBatch &batch, uint32_t i,
-                                                   uint32_t count, Reference &&reference)
-{
-  const Ray ray = load_ray(batch.rays, i, batch.aligned_rays);
-  Hit best = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
-  uint32_t primitive = invalid_id;
-  bool is_clear = true;
-  for (uint32_t c = 0; c < count; ++c) {
-    const uint32_t candidate = reference(c);
-    if (candidate == no_candidate) break;
-    const LeafTriangle x = load_triangle(s.near_triangles, candidate);
-    TriangleHit hit;
-    if (!measure(s, x, ray, hit, is_clear)) continue;
-    if (best.triangle != invalid_id && (hit.t > best.t || (hit.t == best.t && x.triangle > best.triangle)))
-      continue;
-    best = {hit.t, hit.u, hit.v, x.triangle, invalid_id};
-    primitive = x.primitive;
-  }
-  if (!is_clear) trace_general<Query, Bvh>(s, batch, i);
-  else if (Query == TraceQuery::Any)
-    static_cast<uint8_t *>(batch.results)[i] = best.triangle != invalid_id ? 1 : 0;
-  else store_closest(s, batch, i, best, primitive);
-}
 
 // A block looks at groups of 32 rays, a warp at two, spread evenly over the batch: they are coherent if most groups go
 // within 18 degrees of their first ray.
@@ -66,7 +21,7 @@ __global__ void __launch_bounds__(probe_threads)
   Vec3f d[groups_per_warp];
   for (unsigned k = 0; k < groups_per_warp; ++k) {
     const uint32_t first = uint32_t(uint64_t(batch.num_rays / 32) * (group + k) / num_groups) * 32;
-    d[k] = load_ray(batch.rays, first + lane, batch.aligned_rays).direction;
+    d[k] = load_ray(batch.rays, first + lane, true).direction;
   }
   int num_coherent = 0;
   for (unsigned k = 0; k < groups_per_warp; ++k) {
@@ -85,32 +40,70 @@ __global__ void __launch_bounds__(block_size, 8)
     finish_kernel(const __grid_constant__ TraceScene s, const __grid_constant__ NearBatch batch)
 {
   const uint32_t thread = uint32_t(thread_item()), num_threads = gridDim.x * block_size;
-  const uint32_t num_groups = min(*batch.num_groups, batch.group_capacity);
-  for (uint32_t k = thread; k < num_groups; k += num_threads) {
-    const CandidateGroup &group = batch.groups[k];
-    measure_candidates<Query, Bvh>(s, batch, group.ray, max_candidates,
-                                   [&](uint32_t c) { return group.references[c]; });
+  const uint32_t num_leftovers = *batch.num_leftovers;
+  const bool is_complete = num_leftovers <= batch.leftover_capacity;
+  const uint32_t n = is_complete ? num_leftovers : batch.leftover_capacity;
+  for (uint32_t k = thread; k < n; k += num_threads) {
+    const Leftover &leftover = batch.leftovers[k];
+    uint32_t count = 0;
+    for (const uint32_t reference : leftover.references) count += reference != no_candidate ? 1 : 0;
+    finish_left_over<Query, Bvh>(s, batch, leftover.ray, count != 0 ? count : max_candidates + 1,
+                                 [&](uint32_t c) { return leftover.references[c]; });
   }
-  const uint32_t num_listed = *batch.num_listed;
-  const bool is_complete = num_listed <= batch.list_capacity;
-  const uint32_t n = is_complete ? num_listed : batch.num_rays;
-  for (uint32_t k = thread; k < n; k += num_threads)
-    trace_general<Query, Bvh>(s, batch, is_complete ? batch.listed[k] : k);
+  if (is_complete) return;
+  for (uint32_t i = thread; i < batch.num_rays; i += num_threads) {
+    bool is_unlisted;
+    if constexpr (Query == TraceQuery::Any)
+      is_unlisted = static_cast<const uint8_t *>(batch.results)[i] == unlisted_result;
+    else is_unlisted = batch.candidates[i] == unlisted_left_over;
+    if (is_unlisted)
+      finish_left_over<Query, Bvh>(s, batch, i, max_candidates + 1, [](uint32_t) { return 0u; });
+  }
 }
 
 // How the words of a batch's scratch memory are shared out.
 struct ScratchLayout {
   explicit ScratchLayout(uint64_t num_rays)
-      : group_capacity(num_rays / 16 + 32),
-        list_capacity(num_rays / 16 + 32),
+      : leftover_capacity(num_rays / 8 + 32),
         taken_before(header_words + num_rays),
-        groups(taken_before + num_rays / 32 + 1),
-        listed(groups + group_capacity * (sizeof(CandidateGroup) / sizeof(uint32_t))),
-        end(listed + list_capacity)
+        leftovers(taken_before + num_rays / warp_size + 1),
+        end(leftovers + leftover_capacity * (sizeof(Leftover) / sizeof(uint32_t)))
   {}
-  uint64_t group_capacity, list_capacity;
-  uint64_t taken_before, groups, listed, end;
+  uint64_t leftover_capacity;
+  uint64_t taken_before, leftovers, end;
 };
+
+NearBatch make_batch(const Ray *rays, uint32_t num_rays, HitLayout layout, void *results,
+                     const RayOrder &order)
+{
+  const ScratchLayout layout_of(num_rays);
+  NearBatch batch{};
+  batch.rays = rays;
+  batch.num_rays = num_rays;
+  batch.layout = layout;
+  batch.results = results;
+  batch.left_out = order.left_out;
+  batch.ended_at = order.ended_at;
+  batch.next_ray = order.scratch;
+  batch.num_leftovers = order.scratch + 1;
+  batch.candidates = order.scratch + header_words;
+  batch.taken_before = order.scratch + layout_of.taken_before;
+  batch.leftovers = reinterpret_cast<Leftover *>(order.scratch + layout_of.leftovers);
+  batch.leftover_capacity = uint32_t(layout_of.leftover_capacity);
+  return batch;
+}
+
+constexpr uint64_t num_cleared_words = 2;
+void clear_counters(const RayOrder &order, cudaStream_t stream)
+{
+  check(cudaMemsetAsync(order.scratch, 0, num_cleared_words * sizeof(uint32_t), stream), "cudaMemsetAsync");
+}
+
+void launch_near_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
+                        cudaStream_t stream)
+{
+  (scene.has_bvhs ? launch_bvh_refill : launch_quad_refill)(scene, query, batch, stream);
+}
 
 }  // namespace
 
@@ -135,44 +128,43 @@ void launch_near_finish(const TraceScene &scene, TraceQuery query, const NearBat
          stream, scene, batch);
 }
 
+bool suits_near_kernels(const TraceScene &scene, const Ray *rays, HitLayout layout, const void *results,
+                        const RayOrder &order)
+{
+  return order.scratch != nullptr && has_near_kernels(scene) && is_aligned_16(rays) &&
+         (layout == HitLayout::Internal || is_aligned_16(results));
+}
+
 void launch_near(const TraceScene &scene, TraceQuery query, const Ray *rays, uint32_t num_rays,
                  HitLayout layout, void *results, const RayOrder &order, cudaStream_t stream)
 {
   if (num_rays == 0) return;
-  const ScratchLayout layout_of(num_rays);
-  NearBatch batch{};
-  batch.rays = rays;
-  batch.num_rays = num_rays;
-  batch.layout = layout;
-  batch.results = results;
-  batch.aligned_rays = is_aligned_16(rays);
-  batch.aligned_results = is_aligned_16(results);
-  batch.left_out = order.left_out;
-  batch.ended_at = order.ended_at;
-  batch.next_ray = order.scratch;
-  batch.num_groups = order.scratch + 1;
-  batch.num_listed = order.scratch + 2;
-  batch.candidates = order.scratch + header_words;
-  batch.taken_before = order.scratch + layout_of.taken_before;
-  batch.groups = reinterpret_cast<CandidateGroup *>(order.scratch + layout_of.groups);
-  batch.listed = order.scratch + layout_of.listed;
-  batch.group_capacity = uint32_t(layout_of.group_capacity);
-  batch.list_capacity = uint32_t(layout_of.list_capacity);
-  check(cudaMemsetAsync(order.scratch, 0, header_words * sizeof(uint32_t), stream), "cudaMemsetAsync");
-  Coherence coherence = num_rays < min_refill_rays ? Coherence::Coherent : order.coherence;
-  // In a kd-tree refilling pays for rays alone that start apart as well, which a look at directions does not tell.
-  if (coherence == Coherence::Auto && !scene.has_bvhs) coherence = Coherence::Coherent;
+  NearBatch batch = make_batch(rays, num_rays, layout, results, order);
+  const Coherence coherence = num_rays < min_refill_rays ? Coherence::Coherent : order.coherence;
+  // Closest hits by a thread a ray leave nothing over.
+  const bool has_leftovers = query == TraceQuery::Any || coherence != Coherence::Coherent;
+  if (has_leftovers) clear_counters(order, stream);
   if (coherence == Coherence::Auto) {
-    uint32_t *const probed = order.scratch + 3;
+    uint32_t *const probed = order.scratch + num_cleared_words;
     launch_near_probe(batch, probed, stream);
     batch.probed = probed;
   }
   // Where the kernels look at what was found, those for the other order end at once.
   if (coherence != Coherence::Incoherent)
-    (scene.has_bvhs ? launch_near_plain : launch_near_kd_plain)(scene, query, batch, order.width, stream);
-  if (coherence != Coherence::Coherent) {
-    (scene.has_bvhs ? launch_near_refill : launch_near_kd_refill)(scene, query, batch, stream);
-  }
+    (scene.has_bvhs ? launch_bvh_plain : launch_quad_plain)(scene, query, batch, order.width, stream);
+  if (coherence != Coherence::Coherent) launch_near_refill(scene, query, batch, stream);
+  if (has_leftovers) launch_near_finish(scene, query, batch, stream);
+}
+
+void launch_near_persistent(const TraceScene &scene, TraceQuery query, const Ray *rays, uint32_t num_rays,
+                            HitLayout layout, void *results, const RayOrder &order,
+                            unsigned long long *num_refills, cudaStream_t stream)
+{
+  if (num_rays == 0) return;
+  NearBatch batch = make_batch(rays, num_rays, layout, results, order);
+  batch.num_refills = num_refills;
+  clear_counters(order, stream);
+  launch_near_refill(scene, query, batch, stream);
   launch_near_finish(scene, query, batch, stream);
 }
 

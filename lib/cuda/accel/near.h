@@ -1,5 +1,5 @@
-// The fast kernels of bvhs and kd-trees as host code calls them: closest and any hits of scenes without placements and alpha masks, by the
-// watertight test.
+// The fast kernels of bvhs and kd-trees as host code calls them: closest and any hits of scenes without placements and alpha
+// masks, by the watertight test, of rays and hits that lie at multiples of 16 bytes.
 #pragma once
 
 #include "cuda/accel/kernels.h"
@@ -7,11 +7,20 @@
 
 namespace gpurt::cuda {
 
-// What a ray may hit, till it is measured: a reference of the tree, or one of these.
+// A triangle that a ray may hit, till it is measured: a reference of the tree, with a bit where single precision cannot tell
+// whether the triangle is hit.
+constexpr uint32_t unclear_bit = 0x80000000u;
+constexpr uint64_t max_near_references = uint64_t(1) << 31;
+// Or one of these. What is left over is finished by a kernel of its own.
 constexpr uint32_t no_candidate = invalid_id;
-constexpr uint32_t listed_candidate = invalid_id - 1;  // the ray is in a group of candidates, or listed
+constexpr uint32_t left_over = invalid_id - 1;
+constexpr uint32_t unlisted_left_over = invalid_id - 2;  // where Leftovers had no room
+constexpr uint8_t unlisted_result = 2;                   // the same, of any hits
+
+// A ray that is left over, with the triangles that it may hit; the first one is no_candidate where it has to go the general
+// way.
 constexpr uint32_t max_candidates = 4;
-struct CandidateGroup {
+struct Leftover {
   uint32_t ray;
   uint32_t references[max_candidates];
 };
@@ -20,21 +29,19 @@ struct CandidateGroup {
 struct NearBatch {
   const Ray *rays;
   uint32_t num_rays;
-  HitLayout layout;  // of closest hits
-  void *results;     // hits, or a byte a ray
-  bool aligned_rays, aligned_results;
-  uint32_t *next_ray;                   // the pool's counter
+  HitLayout layout;                     // of closest hits
+  void *results;                        // hits, or a byte a ray
   const uint32_t *left_out, *ended_at;  // as in RayOrder
   const uint32_t *probed;  // what the rays' order was found to be, a Coherence; null: known before the launch
-  uint32_t *num_groups;    // groups of candidates; those beyond the capacity are listed rays
-  uint32_t *
-      num_listed;  // rays that are left; where there are more than the list has room for, all are traced again
-  uint32_t *candidates;  // [num_rays], of closest hits by warps that refill
+  uint32_t *num_leftovers;  // may be more than there is room for
+  Leftover *leftovers;
+  uint32_t leftover_capacity;
+  // Of warps that refill:
+  uint32_t *next_ray;               // the pool's counter
+  unsigned long long *num_refills;  // times that a warp refilled are added; null: not wanted
+  uint32_t *candidates;             // [num_rays], of closest hits
   uint32_t
       *taken_before;  // [num_rays / 32, rounded up]: what the warp that took these 32 rays had taken before
-  CandidateGroup *groups;
-  uint32_t *listed;
-  uint32_t group_capacity, list_capacity;
 };
 
 /// Whether the fast kernels can trace the scene.
@@ -42,25 +49,33 @@ inline bool has_near_kernels(const TraceScene &scene)
 {
   return scene.triangle_test == TriangleTest::Watertight && scene.scene.num_placements == 0 &&
          !scene.scene.has_alpha_masks &&
-         (scene.has_bvhs ? scene.world.tree.frame.reach : scene.near_kd.frame.reach) > 0.0f;
+         (scene.has_bvhs ? scene.world.tree.frame.reach : scene.kd_quads.frame.reach) > 0.0f;
 }
+
+/// Whether they serve these rays, too.
+bool suits_near_kernels(const TraceScene &scene, const Ray *rays, HitLayout layout, const void *results,
+                        const RayOrder &order);
 
 /// Answers all rays of the batch.
 void launch_near(const TraceScene &scene, TraceQuery query, const Ray *rays, uint32_t num_rays,
                  HitLayout layout, void *results, const RayOrder &order, cudaStream_t stream);
 
-// Parts of it: a look at the rays' order; a thread a ray, in tiles where `width` is not 0; persistent warps that refill; the
-// hits that these found; rays with several candidates, and what is listed.
+/// The same by warps that refill, whatever the order of the rays; adds how often they did to `num_refills`.
+void launch_near_persistent(const TraceScene &scene, TraceQuery query, const Ray *rays, uint32_t num_rays,
+                            HitLayout layout, void *results, const RayOrder &order,
+                            unsigned long long *num_refills, cudaStream_t stream);
+
+// Parts of it: a look at the rays' order; a thread a ray, in tiles where `width` is not 0; persistent warps that refill; what
+// these leave over.
 void launch_near_probe(const NearBatch &batch, uint32_t *probed, cudaStream_t stream);
-void launch_near_plain(const TraceScene &scene, TraceQuery query, const NearBatch &batch, uint32_t width,
+void launch_bvh_plain(const TraceScene &scene, TraceQuery query, const NearBatch &batch, uint32_t width,
+                      cudaStream_t stream);
+void launch_bvh_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
                        cudaStream_t stream);
-void launch_near_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
+void launch_quad_plain(const TraceScene &scene, TraceQuery query, const NearBatch &batch, uint32_t width,
+                       cudaStream_t stream);
+void launch_quad_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
                         cudaStream_t stream);
-// The same for kd-trees.
-void launch_near_kd_plain(const TraceScene &scene, TraceQuery query, const NearBatch &batch, uint32_t width,
-                          cudaStream_t stream);
-void launch_near_kd_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
-                           cudaStream_t stream);
 void launch_near_finish(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
                         cudaStream_t stream);
 

@@ -1,9 +1,12 @@
-// What a thread of the bvh's fast kernels does: a step over a node, a leaf's triangles, the end of a ray.
+// What a thread of the fast kernels does with triangles, and at the end of a ray.
 //
-// Measuring a hit in double takes more registers and instructions than all the rest of a step, so another kernel does it
-// after traversal. Till then a ray keeps the triangles that it may hit, nearly always one, with an interval for the nearest
-// t. Rays that are not near the tree, or may hit too many triangles, are listed, and a third kernel traces them the
-// general way.
+// Measuring a hit in double takes more registers and instructions than all the rest of a step, so it is done after traversal.
+// Till then a ray keeps the triangles that it may hit, nearly always one, with an interval for the nearest t.
+//
+// Few rays are left over: those with several candidates or with some that single precision is not clear about, and, fewer
+// still, those that have to go the general way, which takes 40 to 110 us a ray. Closest hits of a thread a ray finish them in
+// place, behind other warps. Warps that refill cannot: within the loop a call would take its values out of registers, and
+// halve the speed; after it, no other warps are left to hide behind. They and any hits list them for a kernel of their own.
 #pragma once
 
 #include "core/accel/near_ray.h"
@@ -15,6 +18,8 @@ namespace gpurt::cuda {
 
 #if defined(__CUDACC__)
 
+constexpr unsigned warp_size = 32;
+
 // Whether a kernel is the one for rays of this order.
 __device__ __forceinline__ bool is_for(const NearBatch &batch, Coherence order)
 {
@@ -23,33 +28,19 @@ __device__ __forceinline__ bool is_for(const NearBatch &batch, Coherence order)
 
 // Triangles of which one, or none, is the hit.
 struct Pending {
-  uint32_t reference;              // the first of them
-  uint32_t second, third, fourth;  // no array: indexed, it would take all of this out of registers
-  uint32_t count;                  // over max_candidates: the ray has to be listed
-  uint32_t triangle;               // that came last: met again in another leaf, it is known
-  float lower;                     // of all their t
+  uint32_t
+      *references;    // the first max_candidates of them, and room for one; in local memory, as the stack is
+  uint32_t count;     // over max_candidates: the ray has to go the general way
+  uint32_t triangle;  // that came last: met again in another leaf, it is known
+  float lower;        // of all their t
 };
+constexpr uint32_t pending_capacity = max_candidates + 1;
 
-// `top` points behind the last entry of a stack: indices would take two instructions more an access.
-__device__ __forceinline__ uint32_t pop(uint32_t *&top) { return *--top; }
-
-// A node: goes to the child that the ray meets first, or the larger one, and leaves the other for later.
-template <bool Ordered>
-__device__ __forceinline__ void step(const BvhNode *nodes, const NearRay &ray, float end, uint32_t &current,
-                                     uint32_t *&top)
+__device__ __forceinline__ void clear(Pending &pending, float tmax)
 {
-  const BvhNode node = load_node(nodes, current);
-  float enter0, leave0, enter1, leave1;
-  clip_near(ray, node.center0, half0(node.half[0]), half0(node.half[1]), half0(node.half[2]), end, enter0,
-            leave0);
-  clip_near(ray, node.center1, half1(node.half[0]), half1(node.half[1]), half1(node.half[2]), end, enter1,
-            leave1);
-  // Not a number, from a half extent that overflowed: visited.
-  const bool meets0 = !(enter0 > leave0), meets1 = !(enter1 > leave1);
-  const bool second_first = !meets0 || (Ordered && meets1 && enter1 < enter0);
-  current = second_first ? node.child1 : node.child0;
-  if (meets0 && meets1) *top++ = second_first ? node.child0 : node.child1;
-  if (!meets0 && !meets1) current = pop(top);
+  pending.count = 0;
+  pending.triangle = invalid_id;
+  pending.lower = tmax;
 }
 
 __device__ __forceinline__ LeafTriangle load_triangle(const LeafTriangle *triangles, uint32_t reference)
@@ -60,19 +51,9 @@ __device__ __forceinline__ LeafTriangle load_triangle(const LeafTriangle *triang
           __float_as_uint(b.w), {c.x, c.y, c.z},      __float_as_uint(c.w)};
 }
 
-// Leaves a ray to the general kernel.
-__device__ __forceinline__ void list_ray(const NearBatch &batch, uint32_t i)
-{
-  const uint32_t k = atomicAdd(batch.num_listed, 1u);
-  if (k < batch.list_capacity) batch.listed[k] = i;
-}
-
 __device__ __forceinline__ void keep(Pending &pending, uint32_t reference)
 {
-  if (pending.count == 0) pending.reference = reference;
-  else if (pending.count == 1) pending.second = reference;
-  else if (pending.count == 2) pending.third = reference;
-  else if (pending.count == 3) pending.fourth = reference;
+  pending.references[min(pending.count, max_candidates)] = reference;
   ++pending.count;
 }
 
@@ -90,7 +71,9 @@ __device__ __forceinline__ void closest_in_triangle(const LeafTriangle &x, uint3
   const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
   if (verdict == EdgeVerdict::Outside || triangle == pending.triangle || x.triangle == left_out) return;
   if (verdict == EdgeVerdict::Unclear) {
-    pending.count = max_candidates + 1;
+    keep(pending, reference | unclear_bit);
+    pending.lower = -infinity;  // may be no hit, or any: what is kept stays
+    pending.triangle = triangle;
     return;
   }
   if (t.lower + ray.end_offset > end || t.upper < tmin) return;
@@ -100,21 +83,10 @@ __device__ __forceinline__ void closest_in_triangle(const LeafTriangle &x, uint3
     pending.lower = at_most(pending.lower, t.lower);
     end = at_most(end, t.upper + ray.end_offset);
   } else {
-    pending.lower = -infinity;  // may be no hit: what is kept stays
+    pending.lower = -infinity;
   }
   keep(pending, reference);
   pending.triangle = triangle;
-}
-
-__device__ __forceinline__ void closest_in_leaf(const LeafTriangle *triangles, const NearRay &ray, float tmin,
-                                                uint32_t leaf, uint32_t left_out, float &end,
-                                                Pending &pending)
-{
-  const uint32_t first = leaf_first(leaf), past = first + leaf_size(leaf);
-  for (uint32_t k = first; k < past; ++k) {
-    const LeafTriangle x = load_triangle(triangles, k);
-    closest_in_triangle(x, x.triangle, k, ray, tmin, left_out, end, pending);
-  }
 }
 
 // True where the triangle is hit for certain; keeps one that may be.
@@ -128,40 +100,11 @@ __device__ __forceinline__ bool any_in_triangle(const LeafTriangle &x, uint32_t 
   if (verdict == EdgeVerdict::Inside) {
     if (t.lower > tmax || t.upper < tmin) return false;
     if (t.lower >= tmin && t.upper <= tmax) return true;
-    keep(pending, reference);
   } else {
-    pending.count = max_candidates + 1;
+    reference |= unclear_bit;
   }
+  keep(pending, reference);
   return false;
-}
-
-__device__ __forceinline__ bool any_in_leaf(const LeafTriangle *triangles, const NearRay &ray, float tmin,
-                                            float tmax, uint32_t leaf, uint32_t left_out, uint32_t ended_at,
-                                            Pending &pending)
-{
-  const uint32_t first = leaf_first(leaf), past = first + leaf_size(leaf);
-  for (uint32_t k = first; k < past; ++k) {
-    if (any_in_triangle(load_triangle(triangles, k), k, ray, tmin, tmax, left_out, ended_at, pending))
-      return true;
-  }
-  return false;
-}
-
-// Rays of which more than one triangle has to be measured, or that have to be listed.
-__device__ __forceinline__ void hand_over_group(const NearBatch &batch, uint32_t i, const Pending &pending)
-{
-  const uint32_t k = pending.count <= max_candidates ? atomicAdd(batch.num_groups, 1u) : batch.group_capacity;
-  if (k >= batch.group_capacity) {
-    list_ray(batch, i);
-    return;
-  }
-  CandidateGroup &group = batch.groups[k];
-  group.ray = i;
-  group.references[0] = pending.reference;
-  static_assert(max_candidates == 4);
-  group.references[1] = pending.count > 1 ? pending.second : no_candidate;
-  group.references[2] = pending.count > 2 ? pending.third : no_candidate;
-  group.references[3] = pending.count > 3 ? pending.fourth : no_candidate;
 }
 
 // Measures a triangle that the edge functions have told to be hit. False where t is out of the ray's interval; where the
@@ -188,49 +131,162 @@ __device__ __forceinline__ void store_closest(const TraceScene &s, const NearBat
                                               const Hit &hit, uint32_t primitive)
 {
   if (batch.layout == HitLayout::Compact) {
-    store_hit(static_cast<CompactHit *>(batch.results), i, CompactHit{hit.t, hit.u, hit.v, primitive},
-              batch.aligned_results);
+    store_hit(static_cast<CompactHit *>(batch.results), i, CompactHit{hit.t, hit.u, hit.v, primitive}, true);
   } else if (batch.layout == HitLayout::Internal) {
     static_cast<Hit *>(batch.results)[i] = hit;
   } else {
-    store_hit(static_cast<FullHit *>(batch.results), i, full_hit(s.scene, hit), batch.aligned_results);
+    store_hit(static_cast<FullHit *>(batch.results), i, full_hit(s.scene, hit), true);
   }
 }
 
-// Measures and writes the hit of a ray with one candidate or none; others are handed over.
-__device__ __forceinline__ void finish_closest(const TraceScene &s, const NearBatch &batch, uint32_t i,
-                                               const Pending &pending)
+// What becomes known of a ray that is left over.
+struct Finished {
+  Hit hit;
+  uint32_t primitive;
+};
+
+// The nearest of a ray's candidates, reference(0) to reference(count - 1). False: the ray has to go the general way.
+template <bool Bvh, class Reference>
+__device__ __forceinline__ bool measure_candidates(const TraceScene &s, const Ray &ray, uint32_t count,
+                                                   Reference &&reference, Finished &finished)
 {
-  if (pending.count > 1) {
-    hand_over_group(batch, i, pending);
-    return;
+  TraceRay r;
+  prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r);
+  TriangleRay<TriangleTest::Watertight> triangle_ray;
+  make_triangle_ray(r, triangle_ray);
+  Hit &best = finished.hit;
+  best = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
+  finished.primitive = invalid_id;
+  bool is_clear = true;
+  for (uint32_t k = 0; k < count; ++k) {
+    const uint32_t candidate = reference(k);
+    const LeafTriangle x = load_triangle(s.near_triangles, candidate & ~unclear_bit);
+    TriangleHit hit;
+    if constexpr (Bvh) {
+      if (!intersect<EdgeRule::Inclusive>(triangle_ray, x.a, x.b, x.c, ray.tmin, ray.tmax, hit)) continue;
+    } else {
+      if ((candidate & unclear_bit) != 0) is_clear = false;
+      if (!measure(s, x, ray, hit, is_clear)) continue;
+    }
+    if (best.triangle != invalid_id && (hit.t > best.t || (hit.t == best.t && x.triangle > best.triangle)))
+      continue;
+    best = {hit.t, hit.u, hit.v, x.triangle, invalid_id};
+    finished.primitive = x.primitive;
   }
-  const Ray ray = load_ray(batch.rays, i, batch.aligned_rays);  // again, rather than kept in registers
+  return is_clear;
+}
+
+// Finishes a ray by its candidates or, where they do not tell or there are too many, the general way.
+template <TraceQuery Query, bool Bvh, class Reference>
+__device__ __forceinline__ void finish_left_over(const TraceScene &s, const NearBatch &batch, uint32_t i,
+                                                 uint32_t count, Reference &&reference)
+{
+  constexpr bool is_any = Query == TraceQuery::Any;
+  const Ray ray = load_ray(batch.rays, i, true);
+  Finished finished;
+  if (count > max_candidates || !measure_candidates<Bvh>(s, ray, count, reference, finished)) {
+    const auto &accel = [&]() -> const auto &
+    {
+      if constexpr (Bvh) return s.bvhs;
+      else return s.kd_trees;
+    }
+    ();
+    if constexpr (is_any) {
+      finished.hit.triangle =
+          trace_any<TriangleTest::Watertight, false, false>(accel, s.scene, ray) ? 0 : invalid_id;
+    } else {
+      finished.hit = trace_closest<TriangleTest::Watertight, false, false>(accel, s.scene, ray);
+      const uint32_t triangle = finished.hit.triangle;
+      finished.primitive = triangle == invalid_id ? invalid_id : primitive_of(s.scene, triangle);
+    }
+  }
+  if constexpr (is_any)
+    static_cast<uint8_t *>(batch.results)[i] = finished.hit.triangle != invalid_id ? 1 : 0;
+  else store_closest(s, batch, i, finished.hit, finished.primitive);
+}
+
+// In place, where few rays come, so that what the caller holds in registers matters more.
+template <bool Bvh>
+__device__ __noinline__ void finish_in_place(const TraceScene &s, const NearBatch &batch, uint32_t i,
+                                             uint32_t count, const uint32_t *references)
+{
+  finish_left_over<TraceQuery::Closest, Bvh>(s, batch, i, count, [&](uint32_t k) { return references[k]; });
+}
+
+// Lists a ray for the kernel that finishes. False: there is no room.
+__device__ __forceinline__ bool leave_over(const NearBatch &batch, uint32_t i, uint32_t count,
+                                           const uint32_t *references)
+{
+  const uint32_t k = atomicAdd(batch.num_leftovers, 1u);
+  if (k >= batch.leftover_capacity) return false;
+  Leftover &leftover = batch.leftovers[k];
+  leftover.ray = i;
+  for (uint32_t c = 0; c < max_candidates; ++c)
+    leftover.references[c] = c < count && count <= max_candidates ? references[c] : no_candidate;
+  return true;
+}
+
+// Measures the one candidate of a ray, or none. False: the ray is left over.
+__device__ __forceinline__ bool measure_one(const TraceScene &s, const NearBatch &batch, uint32_t i,
+                                            uint32_t reference)
+{
+  const Ray ray = load_ray(batch.rays, i, true);  // again, rather than kept in registers
   Hit best = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
   uint32_t primitive = invalid_id;
-  if (pending.count != 0) {
-    const LeafTriangle x = load_triangle(s.near_triangles, pending.reference);
+  bool is_clear = true;
+  if (reference != no_candidate) {
+    const LeafTriangle x = load_triangle(s.near_triangles, reference);
     TriangleHit hit;
-    bool is_clear = true;
     if (measure(s, x, ray, hit, is_clear)) {
       best = {hit.t, hit.u, hit.v, x.triangle, invalid_id};
       primitive = x.primitive;
     }
-    if (!is_clear) {
-      list_ray(batch, i);
-      return;
-    }
   }
-  store_closest(s, batch, i, best, primitive);
+  if (is_clear) store_closest(s, batch, i, best, primitive);
+  return is_clear;
 }
 
-// Keeps what a ray has found for measure_taken().
+// The candidate of a ray that has one or none, and is clear about it; else left_over.
+__device__ __forceinline__ uint32_t only_candidate(const Pending &pending)
+{
+  if (pending.count == 0) return no_candidate;
+  const uint32_t reference = pending.references[0];
+  return pending.count == 1 && (reference & unclear_bit) == 0 ? reference : left_over;
+}
+
+// The end of a ray of closest hits, a thread a ray.
+template <bool Bvh>
+__device__ __forceinline__ void finish_closest(const TraceScene &s, const NearBatch &batch, uint32_t i,
+                                               const Pending &pending)
+{
+  const uint32_t candidate = only_candidate(pending);
+  uint32_t count = pending.count;
+  if (candidate != left_over) {
+    if (measure_one(s, batch, i, candidate)) return;
+    pending.references[0] |= unclear_bit;
+  }
+  finish_in_place<Bvh>(s, batch, i, count, pending.references);
+}
+
+// The end of a ray of any hits.
+__device__ __forceinline__ void finish_any(const NearBatch &batch, uint32_t i, bool found,
+                                           const Pending &pending)
+{
+  uint8_t result = found ? 1 : 0;
+  if (!found && pending.count != 0) {
+    if (leave_over(batch, i, pending.count, pending.references)) return;
+    result = unlisted_result;
+  }
+  static_cast<uint8_t *>(batch.results)[i] = result;
+}
+
+// The end of a ray of closest hits in a warp that refills: kept for measure_taken().
 __device__ __forceinline__ void hand_over(const NearBatch &batch, uint32_t i, const Pending &pending)
 {
-  batch.candidates[i] = pending.count == 1   ? pending.reference
-                        : pending.count == 0 ? no_candidate
-                                             : listed_candidate;
-  if (pending.count > 1) hand_over_group(batch, i, pending);
+  uint32_t candidate = only_candidate(pending);
+  if (candidate == left_over && !leave_over(batch, i, pending.count, pending.references))
+    candidate = unlisted_left_over;
+  batch.candidates[i] = candidate;
 }
 
 // Measures what the rays of a warp found, all lanes at once, once all of them have ended: amid traversal few end at a time,
@@ -238,22 +294,15 @@ __device__ __forceinline__ void hand_over(const NearBatch &batch, uint32_t i, co
 __device__ __forceinline__ void measure_taken(const TraceScene &s, const NearBatch &batch, uint32_t taken)
 {
   __syncwarp();
-  for (; taken != invalid_id; taken = batch.taken_before[taken / 32]) {
-    const uint32_t i = taken + threadIdx.x % 32;
+  for (; taken != invalid_id; taken = batch.taken_before[taken / warp_size]) {
+    const uint32_t i = taken + threadIdx.x % warp_size;
     if (i >= batch.num_rays) continue;
-    Pending pending;
-    pending.reference = batch.candidates[i];
-    if (pending.reference == listed_candidate) continue;
-    pending.count = pending.reference == no_candidate ? 0 : 1;
-    finish_closest(s, batch, i, pending);
+    uint32_t candidate = batch.candidates[i];
+    if (candidate == left_over || candidate == unlisted_left_over) continue;
+    if (measure_one(s, batch, i, candidate)) continue;
+    candidate |= unclear_bit;
+    if (!leave_over(batch, i, 1, &candidate)) batch.candidates[i] = unlisted_left_over;
   }
-}
-
-__device__ __forceinline__ void finish_any(const NearBatch &batch, uint32_t i, bool found,
-                                           const Pending &pending)
-{
-  if (found || pending.count == 0) static_cast<uint8_t *>(batch.results)[i] = found ? 1 : 0;
-  else hand_over_group(batch, i, pending);
 }
 
 #endif

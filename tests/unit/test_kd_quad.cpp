@@ -1,5 +1,5 @@
-// Rays as the kd-tree's fast kernels carry them: they meet every leaf that holds a triangle which the exact test accepts, and find
-// the closest hit though leaves behind it are left out.
+// The kd-tree in nodes of two levels: rays meet every leaf that holds a triangle which the exact test accepts, and find the
+// closest hit though leaves behind it are left out.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 #include <set>
 
 #include "accel/kd_build.h"
-#include "core/accel/near_kd.h"
+#include "core/accel/kd_quad_make.h"
 #include "core/accel/trace.h"
 
 namespace gpurt {
@@ -37,32 +37,45 @@ struct Mesh {
   }
 };
 
-struct Tree {
+struct Quads {
   HostKdTree tree;
+  std::vector<KdQuadNode> nodes;
+  std::vector<uint32_t> places;
   std::vector<LeafTriangle> triangles;
-  NearKdView view{};
+  KdQuadView view{};
 };
 
-Tree tree_of(const Mesh &mesh, const KdBuildSettings &settings = {})
+// As the device makes them, level by level.
+Quads quads_of(const Mesh &mesh, const KdBuildSettings &settings = {})
 {
-  Tree t;
+  Quads q;
   KdSource source;
   source.count = mesh.indices.size();
   source.positions = mesh.positions.data();
   source.indices = mesh.indices.data();
   KdBuildStats stats;
-  t.tree = build_kd_tree(source, settings, nullptr, stats);
-  for (const uint32_t i : t.tree.references) {
-    const UInt3 c = mesh.indices[i];
-    t.triangles.push_back({mesh.positions[c.x], i, mesh.positions[c.y], i, mesh.positions[c.z], 0});
+  q.tree = build_kd_tree(source, settings, nullptr, stats);
+  std::vector<uint32_t> place_of(mesh.indices.size(), invalid_id);
+  for (const uint32_t t : q.tree.references) {
+    if (place_of[t] == invalid_id) {
+      place_of[t] = uint32_t(q.triangles.size());
+      const UInt3 c = mesh.indices[t];
+      q.triangles.push_back({mesh.positions[c.x], t, mesh.positions[c.y], t, mesh.positions[c.z], 0});
+    }
+    q.places.push_back(place_of[t]);
   }
-  t.view = make_near_kd_view(
-      {t.tree.nodes.data(), t.tree.references.data(), t.tree.bounds, uint32_t(t.tree.nodes.size())},
-      t.triangles.data());
-  return t;
+  const BvhFrame frame = make_bvh_frame(q.tree.bounds);
+  std::vector<uint32_t> slots = {0};
+  for (size_t i = 0; i < slots.size(); ++i) {
+    const KdQuadChildren c = kd_quad_children(q.tree.nodes.data(), q.tree.nodes[slots[i]]);
+    const uint32_t first = uint32_t(slots.size());
+    slots.insert(slots.end(), c.node, c.node + c.count);
+    q.nodes.push_back(make_kd_quad_node(q.tree.nodes.data(), slots[i], first, q.places.data(), frame));
+  }
+  q.view = {q.nodes.data(), q.places.data(), q.triangles.data(),
+            q.tree.bounds,  frame,           is_leaf(q.tree.nodes[0]) ? kd_quad_leaf_bit : 0u};
+  return q;
 }
-
-constexpr uint32_t no_node = 0xffffffffu;
 
 struct Stack {
   std::vector<uint32_t> word;
@@ -85,40 +98,46 @@ struct Stack {
       b = std::min(b, end);
       return w;
     }
-    return no_node;
+    return kd_quad_end;
   }
 };
 
 // Calls test(triangle, end) for the triangles of the leaves that the ray meets. False: the ray goes the general way.
 template <class Test>
-bool walk(const NearKdView &tree, const Ray &ray, Test &&test)
+bool walk(const KdQuadView &tree, const Ray &ray, Test &&test)
 {
   NearRay r;
-  NearKdRay q;
-  if (!make_near_kd_ray(ray, tree, r, q)) return false;
+  KdQuadRay q;
+  if (!make_kd_quad_ray(ray, tree, r, q)) return false;
   float a = q.a, b = q.b, end = ray.tmax + r.end_offset;
   if (a > b) return true;
   Stack stack;
-  const auto axes = [&](uint32_t tag) { return q.axis[tag & 3u]; };
-  for (uint32_t current = 0; current != no_node;) {
-    const KdNode node = tree.nodes[current];
-    if (!is_leaf(node)) {
-      current = near_kd_step(node, axes, q.width, a, b, stack);
+  const auto axes = [&](uint32_t word) { return q.axis[kd_quad_axis(word)]; };
+  for (uint32_t current = tree.root; current != kd_quad_end;) {
+    if ((current & kd_quad_leaf_bit) == 0) {
+      const KdQuadNode node = tree.nodes[current & kd_quad_index];
+      if (!kd_quad_step(node, axes, q.width, current, a, b, stack)) current = stack.pop(end, a, b);
       continue;
     }
-    for (uint32_t k = 0; k < payload(node); ++k) test(tree.triangles[node.word + k], r, end);
+    const KdQuadNode leaf = tree.nodes[current & kd_quad_index];
+    EXPECT_GT(leaf.word[0], 0u);
+    for (uint32_t k = 0; k < leaf.word[0]; ++k) {
+      const uint32_t place =
+          leaf.word[0] > kd_quad_inline_triangles ? tree.references[leaf.word[1] + k] : leaf.word[1 + k];
+      test(tree.triangles[place], r, end);
+    }
     current = stack.pop(end, a, b);
   }
   return true;
 }
 
-Ray ray_for(const Mesh &mesh, Random &rng, float size, Vec3f shift)
+Ray ray_for(const Mesh &mesh, Random &rng, float size)
 {
   const UInt3 c = mesh.indices[rng.below(uint32_t(mesh.indices.size()))];
   const Vec3f p = mesh.positions[c.x], e = mesh.positions[c.y] - p, f = mesh.positions[c.z] - p;
   const float u = rng.below(3) ? rng.between(0, 1) : 0.0f, v = rng.below(3) ? rng.between(0, 1 - u) : 0.0f;
   const Vec3f target = p + e * u + f * v;
-  Ray ray{shift + rng.point(size), 0.0f, {}, infinity};
+  Ray ray{rng.point(size), 0.0f, {}, infinity};
   if (rng.below(5) == 0) {  // along an axis
     const int k = int(rng.below(3));
     const float o = at(ray.origin, k);
@@ -136,14 +155,14 @@ Ray ray_for(const Mesh &mesh, Random &rng, float size, Vec3f shift)
 }
 
 void check(const Mesh &mesh, float size, uint64_t seed, const KdBuildSettings &settings = {},
-           uint64_t min_left_out = 100, Vec3f shift = {})
+           uint64_t min_left_out = 100)
 {
-  const Tree q = tree_of(mesh, settings);
+  const Quads q = quads_of(mesh, settings);
   Random rng(seed);
   uint64_t num_near = 0, num_hits = 0, num_left_out = 0;
   const int num_rays = 4000;
   for (int i = 0; i < num_rays; ++i) {
-    const Ray ray = ray_for(mesh, rng, size, shift);
+    const Ray ray = ray_for(mesh, rng, size);
     std::set<uint32_t> visited;
     if (!walk(q.view, ray,
               [&](const LeafTriangle &x, const NearRay &, float &) { visited.insert(x.triangle); }))
@@ -194,7 +213,7 @@ Mesh soup(Random &rng, int n, float size, float extent, Vec3f shift = {})
   return mesh;
 }
 
-TEST(NearKd, VisitsLeavesOfAcceptedTriangles)
+TEST(KdQuad, VisitsLeavesOfAcceptedTriangles)
 {
   Random rng(3);
   check(soup(rng, 1500, 0.1f, 1), 1.5f, 1);
@@ -208,7 +227,7 @@ TEST(NearKd, VisitsLeavesOfAcceptedTriangles)
   check(needles, 2.0f, 4);
 }
 
-TEST(NearKd, FlatCellsAndTreesOfOneLeaf)
+TEST(KdQuad, FlatCellsAndTreesOfOneLeaf)
 {
   Mesh grid;
   for (int z = 0; z < 20; ++z) {
@@ -231,12 +250,22 @@ TEST(NearKd, FlatCellsAndTreesOfOneLeaf)
   check(many, 2.0f, 8, {}, 0);
 }
 
-// Far from the origin coordinates have few bits left: more is left to rounding.
-TEST(NearKd, ServesMeshesFarFromTheOrigin)
+// Planes come back where they were to half a step, in every part of the extent.
+TEST(KdQuad, PlanesKeepTheirPlaces)
 {
   Random rng(9);
-  check(soup(rng, 800, 0.1f, 1, {300, -200, 100}), 1.5f, 9, {}, 100, {300, -200, 100});
-  check(soup(rng, 800, 0.1f, 1, {30000, 0, 100}), 1.5f, 10, {}, 0, {30000, 0, 100});
+  for (int i = 0; i < 100000; ++i) {
+    const Vec3f center = rng.point(10);
+    const float half = std::exp2(rng.between(-12, 12));
+    const BvhFrame frame = make_bvh_frame({center - vec3(half), center + vec3(half)});
+    const int k = int(rng.below(3));
+    const float x = at(center, k) + half * (i % 10 == 0 ? 1.0f : i % 10 == 1 ? -1.0f : rng.between(-1, 1));
+    const uint32_t word = kd_quad_plane(frame, x, k);
+    EXPECT_EQ(kd_quad_axis(word), uint32_t(k));
+    const double decoded =
+        double(at(frame.center, k)) + (double(kd_quad_position(word)) - 1.5) * double(kd_quad_unit(frame));
+    EXPECT_LE(std::abs(decoded - double(x)), double(half) * 0x1p-21) << x;
+  }
 }
 
 }  // namespace

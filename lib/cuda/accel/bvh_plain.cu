@@ -1,0 +1,12 @@
+#include "cuda/accel/bvh_walk.h"
+#include "cuda/accel/near_plain.h"
+
+namespace gpurt::cuda {
+
+void launch_bvh_plain(const TraceScene &scene, TraceQuery query, const NearBatch &batch, uint32_t width,
+                      cudaStream_t stream)
+{
+  launch_plain<BvhWalk>(scene, query, batch, width, stream);
+}
+
+}  // namespace gpurt::cuda

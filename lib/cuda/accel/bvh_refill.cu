@@ -1,0 +1,11 @@
+#include "cuda/accel/bvh_walk.h"
+#include "cuda/accel/near_refill.h"
+
+namespace gpurt::cuda {
+
+void launch_bvh_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch, cudaStream_t stream)
+{
+  launch_refill<BvhWalk>(scene, query, batch, stream);
+}
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,163 @@
+// Rays of the fast kernels by persistent warps, which give threads whose ray has ended a new one: for large batches of rays
+// that lie apart, which would else leave most threads of a warp waiting for the longest ray.
+//
+// Source: Aila and Laine 2009, persistent threads and replacement of terminated rays.
+#pragma once
+
+#include <algorithm>
+
+#include "cuda/accel/near_lane.h"
+
+namespace gpurt::cuda {
+
+#if defined(__CUDACC__)
+
+// A warp refills from so many idle lanes on. Of 6 to 24 this measured best, by little.
+constexpr int refill_at = 8;
+
+// Rays that are ready for a warp's lanes: made so by all lanes at once, drawn by few at a time.
+template <class Walk>
+struct WarpRays {
+  typename Walk::Ready walk;
+  float origin[3][warp_size];
+  float sx[warp_size], sy[warp_size], sz[warp_size], end_offset[warp_size], tmin[warp_size], tmax[warp_size];
+  uint32_t main_axis[warp_size];  // 3: no ray
+  uint32_t left_out[warp_size], ended_at[warp_size];
+  uint32_t num_refills;
+};
+constexpr uint32_t no_axis = 3;
+
+template <class Walk, TraceQuery Query>
+__device__ __forceinline__ void make_ready(const TraceScene &s, const NearBatch &batch, uint32_t i,
+                                           unsigned lane, WarpRays<Walk> &warp)
+{
+  warp.main_axis[lane] = no_axis;
+  if (i >= batch.num_rays) return;
+  const Ray ray = load_ray(batch.rays, i, true);
+  NearRay r;
+  if (!Walk::make_ready(s, ray, r, warp.walk, lane)) {
+    Pending general;
+    general.count = max_candidates + 1;
+    general.references = nullptr;
+    if constexpr (Query == TraceQuery::Any) finish_any(batch, i, false, general);
+    else batch.candidates[i] = leave_over(batch, i, general.count, nullptr) ? left_over : unlisted_left_over;
+    return;
+  }
+  for (int k = 0; k < 3; ++k) warp.origin[k][lane] = at(r.origin, k);
+  warp.sx[lane] = r.sx;
+  warp.sy[lane] = r.sy;
+  warp.sz[lane] = r.sz;
+  warp.end_offset[lane] = r.end_offset;
+  warp.tmin[lane] = ray.tmin;
+  warp.tmax[lane] = ray.tmax;
+  warp.main_axis[lane] = uint32_t(r.main_axis);
+  warp.left_out[lane] = known_triangle(batch.left_out, i);
+  if constexpr (Query == TraceQuery::Any) warp.ended_at[lane] = known_triangle(batch.ended_at, i);
+}
+
+template <class Walk, TraceQuery Query>
+__global__ void __launch_bounds__(block_size, Walk::refill_blocks)
+    near_refill_kernel(const __grid_constant__ TraceScene s, const __grid_constant__ NearBatch batch)
+{
+  if (!is_for(batch, Coherence::Incoherent)) return;
+  constexpr bool is_any = Query == TraceQuery::Any;
+  __shared__ typename Walk::Shared shared[block_size / warp_size];
+  __shared__ WarpRays<Walk> warps[block_size / warp_size];
+  const unsigned lane = threadIdx.x % warp_size;
+  WarpRays<Walk> &warp = warps[threadIdx.x / warp_size];
+  uint32_t first = 0;           // of the rays that are ready
+  uint32_t taken = invalid_id;  // first of the last rays that the warp took
+  unsigned num_taken = warp_size;
+  bool is_pool_empty = false;
+  uint32_t i = invalid_id;
+  uint32_t references[pending_capacity];
+  Pending pending;
+  pending.references = references;
+  bool found = false;
+  float end = 0, tmin = 0, tmax = 0;
+  uint32_t left_out = invalid_id, ended_at = invalid_id;
+  typename Walk::Entry stack[Walk::stack_size];
+  Walk walk(stack, &shared[threadIdx.x / warp_size], lane);
+  if (lane == 0) warp.num_refills = 0;
+  for (;;) {
+    const unsigned idle = __ballot_sync(~0u, walk.has_ended());
+    if (idle == ~0u || (!is_pool_empty && __popc(idle) >= refill_at)) {
+      if (walk.has_ended() && i != invalid_id) {
+        if constexpr (is_any) finish_any(batch, i, found, pending);
+        else hand_over(batch, i, pending);
+        i = invalid_id;
+      }
+      if (is_pool_empty) break;  // then all are idle
+      if (num_taken == warp_size) {
+        if (lane == 0) first = atomicAdd(batch.next_ray, uint32_t(warp_size));
+        first = __shfl_sync(~0u, first, 0);
+        num_taken = 0;
+        is_pool_empty = first >= batch.num_rays;
+        if (!is_any && !is_pool_empty) {
+          if (lane == 0) batch.taken_before[first / warp_size] = taken;
+          taken = first;
+        }
+        make_ready<Walk, Query>(s, batch, first + lane, lane, warp);
+        __syncwarp();
+      }
+      if (lane == 0 && !is_pool_empty) ++warp.num_refills;
+      const unsigned slot = num_taken + __popc(idle & ((1u << lane) - 1u));
+      num_taken = min(num_taken + __popc(idle), warp_size);
+      if (walk.has_ended() && slot < warp_size && warp.main_axis[slot] != no_axis) {
+        NearRay &r = walk.ray;
+        r.origin = {warp.origin[0][slot], warp.origin[1][slot], warp.origin[2][slot]};
+        r.sx = warp.sx[slot];
+        r.sy = warp.sy[slot];
+        r.sz = warp.sz[slot];
+        r.end_offset = warp.end_offset[slot];
+        r.main_axis = int(warp.main_axis[slot]);
+        walk.take(s, warp.walk, slot, stack);
+        i = first + slot;
+        found = false;
+        tmin = warp.tmin[slot];
+        tmax = warp.tmax[slot];
+        left_out = warp.left_out[slot];
+        if constexpr (is_any) ended_at = warp.ended_at[slot];
+        clear(pending, tmax);
+        end = tmax + r.end_offset;
+      }
+      __syncwarp();
+    }
+    do {
+#pragma unroll
+      for (int k = 0; k < Walk::steps; ++k) {
+        if (!walk.is_at_leaf()) walk.template step<!is_any>(s, end);
+      }
+    } while (__popc(__ballot_sync(~0u, !walk.is_at_leaf())) >= Walk::stepping_until);
+    if (walk.is_at_leaf() && !walk.has_ended()) {
+      found = walk.test_leaf(s, [&](const LeafTriangle &x, uint32_t triangle, uint32_t reference) {
+        if constexpr (is_any) {
+          return any_in_triangle(x, reference, walk.ray, tmin, tmax, left_out, ended_at, pending);
+        } else {
+          closest_in_triangle(x, triangle, reference, walk.ray, tmin, left_out, end, pending);
+          return false;
+        }
+      });
+      if (is_any && found) walk.stop();
+      else walk.pop(end);
+    }
+  }
+  if (batch.num_refills != nullptr && lane == 0)
+    atomicAdd(batch.num_refills, static_cast<unsigned long long>(warp.num_refills));
+  if constexpr (!is_any) measure_taken(s, batch, taken);
+}
+
+template <class Walk>
+void launch_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch, cudaStream_t stream)
+{
+  const uint64_t num_threads =
+      std::min<uint64_t>(uint64_t(scene.num_sms) * Walk::refill_blocks * block_size, batch.num_rays);
+  const bool is_any = query == TraceQuery::Any, is_asked_for = batch.num_refills != nullptr;
+  const char *name = is_asked_for ? persistent_kernel_name : is_any ? "any-hit kernel" : "closest-hit kernel";
+  if (is_any) launch(name, near_refill_kernel<Walk, TraceQuery::Any>, num_threads, stream, scene, batch);
+  else launch(name, near_refill_kernel<Walk, TraceQuery::Closest>, num_threads, stream, scene, batch);
+}
+
+#endif
+
+}  // namespace gpurt::cuda

@@ -1,0 +1,12 @@
+#include "cuda/accel/near_plain.h"
+#include "cuda/accel/quad_walk.h"
+
+namespace gpurt::cuda {
+
+void launch_quad_plain(const TraceScene &scene, TraceQuery query, const NearBatch &batch, uint32_t width,
+                       cudaStream_t stream)
+{
+  launch_plain<QuadWalk>(scene, query, batch, width, stream);
+}
+
+}  // namespace gpurt::cuda
