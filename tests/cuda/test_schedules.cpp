@@ -121,7 +121,12 @@ uint64_t launches_of(gpurt_device device, const std::string &name)
   return n;
 }
 
-void compare_schedules(gpurt_device device, const TestScene &content, uint64_t num_rays)
+/// Those that a bvh has.
+std::vector<QuerySchedule> bvh_query_schedules() { return {query_schedules()[0]}; }
+
+void compare_schedules(gpurt_device device, const TestScene &content, uint64_t num_rays,
+                       gpurt_accel accel = GPURT_ACCEL_KDTREE,
+                       gpurt_triangle_test test = GPURT_TRIANGLE_WATERTIGHT)
 {
   SCOPED_TRACE(content.name);
   Scene scene;
@@ -129,6 +134,7 @@ void compare_schedules(gpurt_device device, const TestScene &content, uint64_t n
   RayTargets targets = content.fill(scene);
   commit(scene, GPURT_ACCEL_KDTREE);
   targets.planes = split_planes(scene);
+  if (accel != GPURT_ACCEL_KDTREE) commit(scene, accel, test);
   const std::vector<gpurt_ray> rays = make_rays(targets, num_rays);
   const gpurt_schedule plain = make_schedule(GPURT_TRAVERSAL_STACK);
   const auto full = trace<gpurt_hit>(scene, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays, plain);
@@ -138,7 +144,7 @@ void compare_schedules(gpurt_device device, const TestScene &content, uint64_t n
   EXPECT_EQ(full.counters.ray_refills + full.counters.list_rounds + full.counters.mode_switches +
                 full.counters.packets,
             0u);
-  for (const QuerySchedule &q : query_schedules()) {
+  for (const QuerySchedule &q : accel == GPURT_ACCEL_BVH ? bvh_query_schedules() : query_schedules()) {
     SCOPED_TRACE(q.name);
     const uint64_t launches = launches_of(device, q.kernel);
     const auto a = trace<gpurt_hit>(scene, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays, q.schedule);
@@ -167,6 +173,17 @@ TEST(CudaSchedules, OfQueriesGiveTheSameHits)
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   const Device device = make_device(GPURT_DEVICE_CUDA);
   for (const TestScene &content : test_scenes()) compare_schedules(device, content, amount(1'000'003, 5'003));
+}
+
+// Persistent threads walk bvhs, too: by the fast kernels where these serve the scene, else a warp's rays to their ends.
+TEST(CudaSchedules, OfQueriesInBvhsGiveTheSameHits)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  for (const TestScene &content : test_scenes())
+    compare_schedules(device, content, amount(600'011, 5'003), GPURT_ACCEL_BVH);
+  for (const gpurt_triangle_test test : {GPURT_TRIANGLE_MOLLER_TRUMBORE, GPURT_TRIANGLE_DOUBLE})
+    compare_schedules(device, test_scenes()[0], amount(100'003, 2'003), GPURT_ACCEL_BVH, test);
 }
 
 // Lists of leaves take what memory there is.
@@ -218,7 +235,7 @@ TEST(CudaSchedules, ThatDoNotExistAreRefusedWithARemedy)
 /// Every schedule that a render can have, but those that a bvh has not.
 std::vector<QuerySchedule> render_schedules(gpurt_accel accel)
 {
-  std::vector<QuerySchedule> all;
+  std::vector<QuerySchedule> all = bvh_query_schedules();
   if (accel == GPURT_ACCEL_KDTREE) {
     all = query_schedules();
     std::erase_if(all, [](const QuerySchedule &q) { return q.schedule.traversal == GPURT_TRAVERSAL_UBER; });

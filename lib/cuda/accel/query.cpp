@@ -99,7 +99,10 @@ void launch_hits(const QueryContext &context, const TraceRequest &request, Sched
     else tracer->closest(context.scene, rays, num_rays, layout, results);
     return;
   }
-  const RayOrder order{cuda::Coherence(request.coherence), request.image_width, scratch};
+  // A thread a ray, where that was asked for, is what coherent rays take.
+  const Coherence coherence =
+      request.schedule.launch == Launch::Regular ? Coherence::Coherent : cuda::Coherence(request.coherence);
+  const RayOrder order{coherence, request.image_width, scratch};
   if (request.query == QueryKind::Any) {
     launch_any(context.scene, rays, num_rays, static_cast<uint8_t *>(results), order, stream);
   } else {

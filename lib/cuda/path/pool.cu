@@ -113,7 +113,8 @@ class Pool {
         memory_(memory),
         stream_(stream),
         counters_(counters),
-        has_near_(memory.tracer() == nullptr && has_near_kernels(scene))
+        has_near_((memory.tracer() == nullptr || memory.tracer()->takes_known_triangles()) &&
+                  has_near_kernels(scene))
   {}
 
   bool has_near() const { return has_near_; }
@@ -123,7 +124,9 @@ class Pool {
   {
     Hit *hits = memory_.hits();
     if (ScheduledTracer *tracer = memory_.tracer()) {
-      tracer->closest(scene_, queue.rays, num_old + num_new, HitLayout::Internal, hits);
+      tracer->closest(scene_, queue.rays, num_old, HitLayout::Internal, hits,
+                      {has_near_ ? queue.left_out : nullptr, nullptr, true});
+      tracer->closest(scene_, queue.rays + num_old, num_new, HitLayout::Internal, hits + num_old);
     } else if (has_near_) {
       launch_closest(scene_, queue.rays, num_old, HitLayout::Internal, hits,
                      {Coherence::Incoherent, 0, memory_.trace_scratch(), queue.left_out, nullptr}, stream_);
@@ -140,7 +143,8 @@ class Pool {
   {
     const PoolShadows &shadows = memory_.shadows();
     if (ScheduledTracer *tracer = memory_.tracer()) {
-      tracer->any(scene_, shadows.queue.rays, n, shadows.occluded);
+      tracer->any(scene_, shadows.queue.rays, n, shadows.occluded,
+                  {has_near_ ? shadows.left_out : nullptr, has_near_ ? shadows.ended_at : nullptr, true});
     } else {
       RayOrder order;
       if (has_near_)

@@ -86,7 +86,7 @@ class StreamExecutor {
       return;
     }
     if (ScheduledTracer *tracer = memory_.tracer())
-      tracer->closest(scene_, rays, n, HitLayout::Internal, hits);
+      tracer->closest(scene_, rays, n, HitLayout::Internal, hits, {nullptr, nullptr, !is_first_trace_});
     else launch_closest(scene_, rays, n, HitLayout::Internal, hits, order(is_first_trace_), stream_);
     (is_first_trace_ ? counters_.num_camera_rays : counters_.num_bounce_rays) += n;
     is_first_trace_ = false;
@@ -99,7 +99,8 @@ class StreamExecutor {
       check(cudaMemsetAsync(occluded, 0, n, stream_), "cudaMemsetAsync");
       return;
     }
-    if (ScheduledTracer *tracer = memory_.tracer()) tracer->any(scene_, rays, n, occluded);
+    if (ScheduledTracer *tracer = memory_.tracer())
+      tracer->any(scene_, rays, n, occluded, {nullptr, nullptr, true});
     else launch_any(scene_, rays, n, occluded, order(false), stream_);
     counters_.num_shadow_rays += n;
     memory_.clock.mark(stream_, PathStage::Shadow);

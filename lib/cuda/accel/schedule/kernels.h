@@ -1,7 +1,8 @@
-// The scheduled query kernels as host code calls them: other ways through the kd-tree than a thread's fused loop, with the
-// same hits bit for bit.
+// The scheduled query kernels as host code calls them: other ways through a tree than a thread's fused loop, with the same
+// hits bit for bit.
 //
-// They exist for the watertight test, once for scenes without alpha masks and shared geometries, once for all others.
+// Those of kd-trees exist for the watertight test, once for scenes without alpha masks and shared geometries, once for all
+// others.
 #pragma once
 
 #include "core/accel/kd_traverse.h"
@@ -31,6 +32,10 @@ struct RayBatch {
 /// Rays drawn from a pool, their lanes refilled as they run dry; traversal with a stack.
 void launch_persistent_stack(const TraceScene &scene, const RayBatch &batch, RayPool pool,
                              DeviceCounters *counters, cudaStream_t stream);
+
+/// The same in bvhs, by any triangle test: a warp draws 32 rays and traces them to their ends.
+void launch_persistent_rays(const TraceScene &scene, const RayBatch &batch, RayPool pool,
+                            DeviceCounters *counters, cudaStream_t stream);
 
 /// A warp's rays traverse together and share triangles. `pool` is null for a regular launch.
 void launch_packets(const TraceScene &scene, const RayBatch &batch, RayPool pool, DeviceCounters *counters,

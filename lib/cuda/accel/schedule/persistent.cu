@@ -57,8 +57,8 @@ void launch_persistent_stack(const TraceScene &scene, const RayBatch &batch, Ray
                              DeviceCounters *counters, cudaStream_t stream)
 {
   dispatch_query(scene, batch, [&]<class Query>(Query) {
-    launch_persistent("kernel of persistent threads with stacks", persistent_stack_kernel<Query>,
-                      batch.num_rays, stream, scene, batch, alignment_of(batch), pool, counters);
+    launch_persistent(persistent_kernel_name, persistent_stack_kernel<Query>, batch.num_rays, stream, scene,
+                      batch, alignment_of(batch), pool, counters);
   });
 }
 

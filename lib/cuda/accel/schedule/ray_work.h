@@ -11,6 +11,16 @@
 
 namespace gpurt::cuda {
 
+/// Writes a closest hit as the batch has it.
+__device__ __forceinline__ void store_closest(const SceneView &scene, const RayBatch &batch, uint64_t i,
+                                              bool aligned, const Hit &hit)
+{
+  if (batch.layout == HitLayout::Internal) static_cast<Hit *>(batch.hits)[i] = hit;
+  else if (batch.layout == HitLayout::Compact)
+    store_hit(static_cast<CompactHit *>(batch.hits), i, compact_hit(scene, hit), aligned);
+  else store_hit(static_cast<FullHit *>(batch.hits), i, full_hit(scene, hit), aligned);
+}
+
 /// What a kernel is compiled for. `Everything`: alpha masks and shared geometries; else neither.
 template <bool EverythingValue>
 struct ClosestQuery {
@@ -27,10 +37,7 @@ struct ClosestQuery {
   {
     Hit hit = visitor.best;
     hit.t = hit.triangle != invalid_id ? caller_t(ray, hit.t) : miss_t;
-    if (batch.layout == HitLayout::Internal) static_cast<Hit *>(batch.hits)[i] = hit;
-    else if (batch.layout == HitLayout::Compact)
-      store_hit(static_cast<CompactHit *>(batch.hits), i, compact_hit(scene, hit), aligned);
-    else store_hit(static_cast<FullHit *>(batch.hits), i, full_hit(scene, hit), aligned);
+    store_closest(scene, batch, i, aligned, hit);
   }
   static GPURT_INLINE bool is_decided(const Visitor &) { return false; }
   // What is kept of a query between kernels.

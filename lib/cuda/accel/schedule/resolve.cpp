@@ -1,4 +1,5 @@
 // Which schedules there are, and what AUTO is: what measured best on an H100 (docs/schedules.md).
+#include "cuda/accel/near.h"
 #include "cuda/accel/schedule/tracer.h"
 #include "error.h"
 
@@ -32,6 +33,9 @@ void check_traversal(const Schedule &s, ScheduleUse use, const TraceScene &scene
     refuse("{} needs memory that work on a stream cannot wait for; use gpurt_scene_trace, or leave it AUTO",
            special);
   }
+  // Of bvhs, persistent threads with a stack serve any scene and triangle test.
+  const bool is_persistent_stack = s.traversal == Traversal::Stack && s.fetch == Fetch::PerThread;
+  if (scene.has_bvhs && is_persistent_stack) return;
   if (scene.triangle_test != TriangleTest::Watertight) {
     refuse("{} exists for GPURT_TRIANGLE_WATERTIGHT alone; commit with it, or leave the schedule AUTO",
            special);
@@ -85,7 +89,10 @@ Schedule resolve_schedule(const Schedule &asked, ScheduleUse use, const TraceSce
       s.traversal == Traversal::Uber || (s.traversal == Traversal::Stack && s.fetch == Fetch::PerThread &&
                                          !scene.has_bvhs && scene.triangle_test == TriangleTest::Watertight);
   const bool suits_pool = use == ScheduleUse::Render && has_pool;
-  set_default(s.launch, suits_pool ? Launch::Persistent : Launch::Regular);
+  // Queries leave it to what is known of their rays' order, or found out.
+  const bool is_by_order = use != ScheduleUse::Render && s.traversal == Traversal::Stack &&
+                           s.fetch == Fetch::PerThread && has_near_kernels(scene);
+  if (!is_by_order) set_default(s.launch, suits_pool ? Launch::Persistent : Launch::Regular);
   check_traversal(s, use, scene);
   if (use == ScheduleUse::Render && s.traversal == Traversal::Uber) {
     check_has_queues(s.compaction, Compaction::BlockScan, "compaction");
