@@ -3,8 +3,9 @@
     python bench/chart_scenes.py SCENES -o DIR [--seconds S] [--repeats N] [--device D] [SCENE...]
 
 SCENES holds the scenes and reference/references.json, which names each reference's scene, size, depth and noise. Makes a
-chart (python -m gpurt.chart) in DIR/NAME for each, and DIR/crossings.md and .json: for each scene the error of every
-setting in the time of its shortest curve, and from when on which setting is ahead ("about": by the slopes of curves that end before).
+chart (python -m gpurt.chart) in DIR/NAME for each, and DIR/crossings.md, .json and .png: for each scene the error of every
+setting in the time of its shortest curve, and from when on which setting is ahead ("about": by the slopes of curves that
+end before).
 """
 
 import argparse
@@ -14,7 +15,7 @@ import pathlib
 import sys
 
 from gpurt.chart import __main__ as chart
-from gpurt.chart.draw import format_seconds
+from gpurt.chart.draw import MARKERS, color, format_seconds
 
 
 def text_of(error):
@@ -41,6 +42,33 @@ def summary(documents, measure):
         after = "-" if seconds is None else format_seconds(seconds)
         lines.append(f"| {name} | {after} | {' | '.join(text_of(errors.get(s)) for s in settings)} | {crossings or 'none'} |")
     return "\n".join(lines)
+
+
+def draw(documents, measure, path):
+    """A small chart for each scene; rings are where curves cross."""
+    from matplotlib.figure import Figure
+    columns = min(5, len(documents))
+    rows = math.ceil(len(documents) / columns)
+    figure = Figure(figsize=(2.9 * columns, 2.5 * rows + 0.6))
+    panels = figure.subplots(rows, columns, squeeze=False).flat
+    for axes, (name, document) in zip(panels, documents.items()):
+        for index, setting in enumerate(document["settings"]):
+            points = [(p["seconds"], p[measure]["median"]) for p in setting["points"] if p[measure]["median"] > 0]
+            axes.loglog(*zip(*points), color=color(index), marker=MARKERS[index % len(MARKERS)], markersize=3,
+                        linewidth=1.3, label=setting["name"])
+        measured = [c for c in document["crossings"][measure] if c["measured"]]
+        axes.scatter([c["seconds"] for c in measured], [c["error"] for c in measured], s=70, facecolors="none",
+                     edgecolors="#404040", zorder=4)
+        axes.set_title(name, fontsize=9, loc="left")
+        axes.grid(True, color="#e8e8e8", linewidth=0.6)
+        axes.tick_params(labelsize=7)
+    for axes in panels:
+        axes.set_visible(False)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=len(labels), fontsize=9, frameon=False)
+    figure.supylabel("relMSE" if measure == "relmse" else "relMSE, trimmed", fontsize=9)
+    figure.tight_layout(rect=(0.01, 0.35 / (2.5 * rows + 0.6), 1, 1))
+    figure.savefig(path, dpi=110)
 
 
 def main():
@@ -76,6 +104,7 @@ def main():
     (options.output / "crossings.md").write_text(text + "\n", encoding="utf-8")
     (options.output / "crossings.json").write_text(json.dumps(
         {name: {"crossings": d["crossings"], "pictures": d["pictures"]} for name, d in documents.items()}, indent=1) + "\n")
+    draw(documents, "trimmed", options.output / "crossings.png")
     print(text)
     return 0 if all(math.isfinite(p["relmse"]) for d in documents.values() for p in d["pictures"]) else 1
 
