@@ -307,6 +307,53 @@ TEST_P(Reyes, OutlinesImproveWithTheShadingRate)
   EXPECT_GT(last, 0);
 }
 
+// A surface that lets half of the sky through and is nowhere behind itself: every sample sees it once, whatever cuts it, also
+// where micropolygons meet that have different sizes.
+TEST_P(Reyes, BlendsASurfaceOnce)
+{
+  if (GetParam() == GPURT_DEVICE_CUDA) GTEST_SKIP() << "blending is the CPU's alone";
+  Device device = make_device(GetParam());
+  std::mt19937_64 rng(8);
+  constexpr int n = 4, side = 3 * n + 1;
+  std::vector<Point> points;
+  for (int i = 0; i < side * side; ++i) {
+    const auto off = [&] { return float(uniform(rng, -0.05, 0.05)); };
+    points.push_back({-2 + 4.0f * float(i % side) / (side - 1) + off(),
+                      -2 + 4.0f * float(i / side) / (side - 1) + off(), 4 * off()});
+  }
+  std::vector<PatchNet> nets;
+  for (int p = 0; p < n * n; ++p) {
+    PatchNet net;
+    for (int k = 0; k < 16; ++k)
+      net[size_t(k)] = points[size_t((3 * (p / n) + k / 4) * side + 3 * (p % n) + k % 4)];
+    nets.push_back(net);
+  }
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  gpurt_material_desc half = GPURT_MATERIAL_DESC_INIT;
+  for (float &c : half.base_color) c = 0;
+  half.alpha = 0.5f;
+  half.blends = 1;
+  uint32_t material;
+  GPURT_ASSERT_OK(gpurt_scene_add_material(scene, &half, &material));
+  add_patches(scene, nets, material);
+  set_environment(scene, 1);
+  add_camera(scene, {0.1f, 0.2f, 3}, 0.9f);
+  coarse_commit(scene);
+  for (const float rate : {0.25f, 1.7f, 12.0f, 90.0f}) {
+    for (const float flatness : {0.0f, 0.5f}) {
+      RenderOptions o = reyes_options(64, 16, rate);
+      o.max_depth = 1;
+      o.reyes.flatness = flatness;
+      Frame frame = make_frame(scene, o);
+      render(frame, o);
+      size_t num_off = 0;
+      for (const float c : read_color(frame, o)) num_off += std::abs(c - 0.5f) > 1e-6f;
+      EXPECT_EQ(num_off, 0u) << "shading rate " << rate << ", flatness " << flatness;
+    }
+  }
+}
+
 // Where the surface allows it, micropolygons are larger, and outlines move by less than was allowed: pixels all of whose
 // neighbours are covered, or none, stay so.
 TEST_P(Reyes, DicesFlatRegionsCoarser)

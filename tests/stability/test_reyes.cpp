@@ -234,7 +234,7 @@ TEST_P(ReyesRows, Row40DepthTies)
                                              {1u, 64u, uint64_t(20) << 20}}) {
     Device device;
     const Scene scene = scene_on(device, threads, limit, fill);
-    RenderOptions o = reyes_options(48, 9);
+    RenderOptions o = reyes_options(32, 9);
     o.tile_size = tile;
     Frame frame = make_frame(scene, o);
     render(frame, o);
