@@ -152,9 +152,8 @@ TEST_P(ReyesShading, HasTheSameBitsForAnyTilesThreadsAndMemory)
 {
   std::vector<std::vector<float>> first;
   const uint64_t little_memory = uint64_t(GetParam() == GPURT_DEVICE_CUDA ? 20 : 12) << 20;
-  for (const auto &[threads, tile, limit] : {std::tuple{1u, 64u, uint64_t(0)},
-                                             {2u, 7u, uint64_t(0)},
-                                             {1u, 256u, little_memory}}) {
+  for (const auto &[threads, tile, limit] :
+       {std::tuple{1u, 64u, uint64_t(0)}, {2u, 7u, uint64_t(0)}, {1u, 256u, little_memory}}) {
     const Device device = make_device(GetParam(), threads, limit);
     const Scene scene = balls(device);
     size_t at = 0;
