@@ -112,12 +112,13 @@ void fill_closed(gpurt_scene scene)
   add_turned_camera(scene, {0.5, -0.3, 0.3}, rng, 2.5f);
 }
 
-// Patches through the eye and a mesh that is.
+// Patches through the eye, one that lies in it, and a mesh.
 void fill_at_the_eye(gpurt_scene scene)
 {
   add_patches(scene, {flat_patch({-50, -0.001f, -50}, {100, 0, 0}, {0, 0, 100}),
                       flat_patch({1e-4f, -1, -1}, {0, 2, 0}, {0, 0, 2}),
-                      flat_patch({-1, 1e-6f, -3}, {2, 0, 0}, {0, 0, 6})});
+                      flat_patch({-1, 1e-6f, -3}, {2, 0, 0}, {0, 0, 6}),
+                      flat_patch({-1, -1, 0}, {2, 0, 0}, {0, 2, 0})});
   add_mesh(scene, quad({-4, 0.5f, -4}, {-4, 0.5f, 4}, {4, -0.2f, 4}, {4, -0.2f, -4}), 0);
   add_mesh(scene, icosphere(2).map([](std::array<float, 3> v) {
     return std::array<float, 3>{v[0] * 0.3f - 0.5f, v[1] * 0.3f + 0.2f, v[2] * 0.3f - 1.5f};
