@@ -24,14 +24,13 @@ struct KeptMemory {
   std::mutex mutex;
   void *data = nullptr;
   size_t capacity = 0;
-
-  ~KeptMemory() { std::free(data); }
 };
 
+// Never destroyed: a caller's static objects may release their frames after those of the library are gone.
 KeptMemory &kept_memory()
 {
-  static KeptMemory kept;
-  return kept;
+  static auto *const kept = new KeptMemory;
+  return *kept;
 }
 
 }  // namespace
