@@ -127,16 +127,9 @@ void fill_at_the_eye(gpurt_scene scene)
   add_camera(scene, {0, 0, 0}, 1.2f);
 }
 
-// Points and a distant light alone: without shadows no ray is needed.
-void fill_lit(gpurt_scene scene)
+// A point and a distant light.
+void add_lights_without_area(gpurt_scene scene)
 {
-  add_patches(scene, closed_patches(2, 0.3, 5),
-              add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.5f, 0.1f}, {0, 0, 0}, 0.4f));
-  add_mesh(scene, icosphere(2).map([](std::array<float, 3> v) {
-    return std::array<float, 3>{v[0] * 0.5f - 1.2f, v[1] * 0.5f, v[2] * 0.5f + 0.8f};
-  }),
-           add_material(scene, GPURT_MATERIAL_GLASS, {1, 1, 1}));
-  add_mesh(scene, quad({-4, -1.2f, 4}, {4, -1.2f, 4}, {4, -1.2f, -4}, {-4, -1.2f, -4}), 0);
   for (const gpurt_light_type type : {GPURT_LIGHT_POINT, GPURT_LIGHT_DISTANT}) {
     gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
     light.type = type;
@@ -147,6 +140,19 @@ void fill_lit(gpurt_scene scene)
     uint32_t id;
     GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
   }
+}
+
+// Points and a distant light alone: without shadows no ray is needed.
+void fill_lit(gpurt_scene scene)
+{
+  add_patches(scene, closed_patches(2, 0.3, 5),
+              add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.5f, 0.1f}, {0, 0, 0}, 0.4f));
+  add_mesh(scene, icosphere(2).map([](std::array<float, 3> v) {
+    return std::array<float, 3>{v[0] * 0.5f - 1.2f, v[1] * 0.5f, v[2] * 0.5f + 0.8f};
+  }),
+           add_material(scene, GPURT_MATERIAL_GLASS, {1, 1, 1}));
+  add_mesh(scene, quad({-4, -1.2f, 4}, {4, -1.2f, 4}, {4, -1.2f, -4}, {-4, -1.2f, -4}), 0);
+  add_lights_without_area(scene);
   add_camera(scene, {0, 0.3f, 3.5f}, 1.0f);
 }
 
@@ -253,16 +259,7 @@ void fill_own_light(gpurt_scene scene)
   const uint32_t blue = add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.5f, 0.9f});
   add_patches(scene, {flat_patch({-50, -1.1f, -50}, {100, 0, 0}, {0, 0, 100})}, blue);
   add_patches(scene, {flat_patch({-50, -1.1f, -50}, {0, 0, 100}, {100, 0, 0})});
-  for (const gpurt_light_type type : {GPURT_LIGHT_POINT, GPURT_LIGHT_DISTANT}) {
-    gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
-    light.type = type;
-    for (float &c : light.intensity) c = type == GPURT_LIGHT_POINT ? 20.0f : 1.0f;
-    light.position[0] = light.position[1] = light.position[2] = 2;
-    light.direction[0] = 0.5f;
-    light.direction[1] = -1;
-    uint32_t id;
-    GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
-  }
+  add_lights_without_area(scene);
   add_camera(scene, {0, 0.3f, 3.5f}, 1.0f);
 }
 

@@ -3,6 +3,7 @@
 // Most rooms here are furnaces: closed, with emission 1 - a on surfaces of albedo a, so that radiance is 1 everywhere,
 // whatever the shape; all but the first two bounces of it are photons.
 #include "catalogue.h"
+#include "correlation.h"
 
 namespace {
 
@@ -233,30 +234,12 @@ TEST_P(Photons, Row25CorrelatedSamples)
     for (const uint32_t frame_index : {0u, 1u}) {
       o.seed = seed;
       o.frame_index = frame_index;
-      const std::vector<float> color = render_with(scene, o).color;
-      std::vector<double> values;
-      for (size_t i = 0; i < color.size(); i += 3) values.push_back(double(color[i]));
-      double sum = 0, square = 0;
-      for (double v : values) sum += v;
-      for (double &v : values) v -= sum / double(values.size()), square += v * v;
-      for (double &v : values) v /= std::sqrt(square);
-      EXPECT_GT(square, 0) << "no noise to compare";
-      noise.push_back(std::move(values));
+      noise.push_back(unit_noise(render_with(scene, o).color));
     }
   }
-  uint64_t bad = 0, total = 0;
-  double worst = 0;
-  const double sigma = 1 / std::sqrt(double(noise[0].size()));
-  for (size_t i = 0; i < noise.size(); ++i) {
-    for (size_t j = i + 1; j < noise.size(); ++j) {
-      double correlation = 0;
-      for (size_t k = 0; k < noise[i].size(); ++k) correlation += noise[i][k] * noise[j][k];
-      worst = std::max(worst, std::abs(correlation) / sigma);
-      bad += !(std::abs(correlation) < 3 * sigma);
-      ++total;
-    }
-  }
-  record(25, method(), bad, total, text_of("largest of %.0f pairs: %.2f sigma", double(total), worst));
+  const Correlations c = correlate(noise);
+  record(25, method(), c.num_bad, c.num_pairs,
+         text_of("largest of %.0f pairs: %.2f sigma", double(c.num_pairs), c.worst_sigma));
 }
 
 TEST_P(Photons, Row26EstimatorEquality)

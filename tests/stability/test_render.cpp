@@ -3,6 +3,7 @@
 #include <thread>
 
 #include "catalogue.h"
+#include "correlation.h"
 
 namespace {
 
@@ -160,34 +161,13 @@ TEST_P(Render, Row25CorrelatedSamples)
       Frame frame;
       GPURT_ASSERT_OK(gpurt_frame_create(scene, &desc, frame.out()));
       render(frame, o);
-      const std::vector<float> color = read_color(frame, o);
-      std::vector<double> values;
-      for (size_t i = 0; i < color.size(); i += 3) values.push_back(color[i]);
-      double sum = 0, square = 0;
-      for (double v : values) sum += v;
-      for (double &v : values) v -= sum / double(values.size()), square += v * v;
-      for (double &v : values) v /= std::sqrt(square);
-      EXPECT_GT(square, 0) << "no noise to compare";
-      noise.push_back(std::move(values));
+      noise.push_back(unit_noise(read_color(frame, o)));
     }
   }
-  uint64_t bad = 0, total = 0;
-  double worst = 0;
-  // Of n independent pairs the correlation has the standard deviation 1/sqrt(n). Neighbours too must differ: shifted
-  // copies of a pattern are as visible as equal ones.
-  const double sigma = 1 / std::sqrt(double(noise[0].size()));
-  for (size_t i = 0; i < noise.size(); ++i) {
-    for (size_t j = i + 1; j < noise.size(); ++j) {
-      double correlation = 0;
-      for (size_t k = 0; k < noise[i].size(); ++k) correlation += noise[i][k] * noise[j][k];
-      worst = std::max(worst, std::abs(correlation) / sigma);
-      bad += !(std::abs(correlation) < 3 * sigma);
-      ++total;
-    }
-  }
+  const Correlations c = correlate(noise);
   char text[64];
-  std::snprintf(text, sizeof text, "largest of %d pairs: %.2f sigma", int(total), worst);
-  record(25, method(), bad, total, text);
+  std::snprintf(text, sizeof text, "largest of %d pairs: %.2f sigma", int(c.num_pairs), c.worst_sigma);
+  record(25, method(), c.num_bad, c.num_pairs, text);
 }
 
 uint64_t hash(const void *data, size_t size)
