@@ -579,12 +579,13 @@ typedef struct gpurt_scene_facts {
                                  0: it was not built on a CUDA device */
   uint32_t tree_refitted;     /* 1: a tree was refitted to vertices that have moved */
   uint32_t has_blending;      /* 1: a material blends */
-  double patch_error; /* no point of a patch of the last commit is further from its triangles, in metres of the
+  double
+      patch_error; /* no point of a patch of the last commit is further from its triangles, in metres of the
                          world: proven, rounding to float left out */
 } gpurt_scene_facts;
 #define GPURT_SCENE_FACTS_INIT \
   {sizeof(gpurt_scene_facts), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}, {0}, 0, 0, 0, 0, GPURT_ACCEL_AUTO, \
-   GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}
+   GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,   0}
 
 /** Reads counts and facts of a scene: of the description as it is now, but triangles, patches and bounds as of the
  *  last commit. Before the first commit what a commit adds is zero. */
@@ -1111,8 +1112,8 @@ typedef struct gpurt_reyes_settings {
   float shading_rate; /* area of a micropolygon in pixels; 0: 0.25. In [2^-8, 2^8] */
   gpurt_reyes_filter filter;
   gpurt_reyes_shading shading;
-  uint32_t no_shadows;  /* 1: nothing stands between a surface and a light */
-  float flatness;       /* > 0: micropolygons may be larger where they stay within so many pixels of the surface */
+  uint32_t no_shadows; /* 1: nothing stands between a surface and a light */
+  float flatness; /* > 0: micropolygons may be larger where they stay within so many pixels of the surface */
   uint32_t reserved[1]; /* 0 */
 } gpurt_reyes_settings;
 #define GPURT_REYES_SETTINGS_INIT {0, GPURT_REYES_FILTER_AUTO, GPURT_REYES_SHADING_AUTO, 0, 0, {0}}

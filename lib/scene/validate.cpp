@@ -108,8 +108,7 @@ uint32_t add_texture(SceneData &scene, TextureData texture)
     fail_invalid("the texture has {} bytes of texels; {} x {} texels of its format take {}",
                  texture.texels ? texture.texels->size() : 0, texture.width, texture.height, expected);
   }
-  check_texels(
-      texture, [](float x, int) { return !is_finite(x); }, "it must be finite");
+  check_texels(texture, [](float x, int) { return !is_finite(x); }, "it must be finite");
   scene.textures.push_back(std::move(texture));
   return uint32_t(scene.textures.size() - 1);
 }

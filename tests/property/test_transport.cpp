@@ -212,9 +212,7 @@ TEST_P(Transport, GlassAndMirrorUnderAUnitSkyAreInvisible)
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
   add_mesh(scene, icosphere(3), add_material(scene, GPURT_MATERIAL_GLASS, {1, 1, 1}));
-  add_mesh(scene, icosphere(3).map([](auto v) {
-    return std::array<float, 3>{v[0] + 2, v[1], v[2]};
-  }),
+  add_mesh(scene, icosphere(3).map([](auto v) { return std::array<float, 3>{v[0] + 2, v[1], v[2]}; }),
            add_material(scene, GPURT_MATERIAL_MIRROR, {1, 1, 1}));
   set_environment(scene, 1);
   add_camera(scene, {1, 0, 6}, 0.7f);

@@ -102,9 +102,8 @@ TEST_P(Photons, Row22Caustic)
   add_mesh(scene, quad({-2, -2, -4}, {2, -2, -4}, {2, 2, -4}, {-2, 2, -4}),
            add_material(scene, GPURT_MATERIAL_LAMBERT, {0.6f, 0.6f, 0.6f}));
   Mesh glass = icosphere(4);
-  glass.map([](std::array<float, 3> v) {
-    return std::array<float, 3>{v[0] * 0.6f, v[1] * 0.6f, v[2] * 0.6f - 3};
-  });
+  glass.map(
+      [](std::array<float, 3> v) { return std::array<float, 3>{v[0] * 0.6f, v[1] * 0.6f, v[2] * 0.6f - 3}; });
   gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
   desc.type = GPURT_MATERIAL_GLASS;
   desc.ior = 1.5f;
@@ -248,9 +247,8 @@ TEST_P(Photons, Row26EstimatorEquality)
   const Scene scene = make_scene();
   add_mesh(scene, cube(), add_material(scene, GPURT_MATERIAL_LAMBERT, {0.7f, 0.6f, 0.5f}));
   Mesh block = cube(0.3f);
-  block.map([](std::array<float, 3> v) {
-    return std::array<float, 3>{v[0] - 0.4f, v[1] - 0.7f, v[2] - 0.3f};
-  });
+  block.map(
+      [](std::array<float, 3> v) { return std::array<float, 3>{v[0] - 0.4f, v[1] - 0.7f, v[2] - 0.3f}; });
   add_mesh(scene, block, add_material(scene, GPURT_MATERIAL_LAMBERT, {0.3f, 0.7f, 0.3f}));
   add_mesh(scene, quad({0.2f, -0.9f, -0.8f}, {0.8f, -0.9f, -0.5f}, {0.8f, 0, -0.5f}, {0.2f, 0, -0.8f}),
            add_material(scene, GPURT_MATERIAL_MIRROR, {0.9f, 0.9f, 0.9f}));

@@ -185,12 +185,10 @@ __device__ __forceinline__ void finish_left_over(const TraceScene &s, const Near
   const Ray ray = load_ray(batch.rays, i, true);
   Finished finished;
   if (count > max_candidates || !measure_candidates<Bvh>(s, ray, count, reference, finished)) {
-    const auto &accel = [&]() -> const auto &
-    {
+    const auto &accel = [&]() -> const auto & {
       if constexpr (Bvh) return s.bvhs;
       else return s.kd_trees;
-    }
-    ();
+    }();
     if constexpr (is_any) {
       finished.hit.triangle =
           trace_any<TriangleTest::Watertight, false, false>(accel, s.scene, ray) ? 0 : invalid_id;

@@ -110,8 +110,7 @@ struct QuadWalk {
   {
     const KdQuadNode node = load_quad(s.kd_quads.nodes, current);
     Push push{*this};
-    if (!kd_quad_step(
-            node, [&](uint32_t word) { return axis_of(word); }, width, current, a, b, push))
+    if (!kd_quad_step(node, [&](uint32_t word) { return axis_of(word); }, width, current, a, b, push))
       pop(end);
   }
 

@@ -52,7 +52,8 @@ __global__ void __launch_bounds__(block_size)
   largest = {root_max(largest.x), root_max(largest.y), root_max(largest.w)};
   reach = {root_max(reach.left), root_max(reach.right), root_max(reach.top), root_max(reach.bottom),
            root_max(reach.front)};
-  const bool is_seen = is_there && is_patch && reach.front >= smallest_w && can_be_seen(reach, largest, b.rect);
+  const bool is_seen =
+      is_there && is_patch && reach.front >= smallest_w && can_be_seen(reach, largest, b.rect);
   if (is_there && !is_patch && lane == 0 && is_triangle_seen(b, range, primitive))
     b.triangles[atomicAdd(&b.numbers->num_triangles, 1u)] = root;
   // One addition for the patches of a warp.

@@ -206,8 +206,7 @@ ReyesNumbers VisibleSamples::read_numbers(cudaStream_t stream)
 void VisibleSamples::split(const ReyesNumbers *last, cudaStream_t stream)
 {
   if (schedule_.split == Launch::Regular) {
-    split_by_levels(
-        batch_, [&] { return read_numbers(stream); }, stream);
+    split_by_levels(batch_, [&] { return read_numbers(stream); }, stream);
   } else if (schedule_.split == Launch::Persistent) {
     if (turn_ == 0)
       check(cudaMemsetAsync(ready_, 0, sizes_.stack * sizeof(uint32_t), stream), "cudaMemsetAsync");
