@@ -579,9 +579,8 @@ typedef struct gpurt_scene_facts {
                                  0: it was not built on a CUDA device */
   uint32_t tree_refitted;     /* 1: a tree was refitted to vertices that have moved */
   uint32_t has_blending;      /* 1: a material blends */
-  double
-      patch_error; /* no point of a patch of the last commit is further from its triangles, in metres of the
-                         world: proven, rounding to float left out */
+  double patch_error;         /* no point of a patch of the last commit is further from its triangles, in
+                                 metres of the world: proven, rounding to float left out */
 } gpurt_scene_facts;
 #define GPURT_SCENE_FACTS_INIT \
   {sizeof(gpurt_scene_facts), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}, {0}, 0, 0, 0, 0, GPURT_ACCEL_AUTO, \
