@@ -14,20 +14,12 @@ import argparse
 import json
 import pathlib
 import sys
-from typing import Any
+from typing import Any, Callable
 
 import numpy as np
-import OpenEXR
 
 import gpurt
-
-
-def read_rgb(path: pathlib.Path) -> np.ndarray:
-    channels = OpenEXR.File(str(path)).channels()
-    for name in ("RGB", "RGBA"):
-        if name in channels:
-            return np.asarray(channels[name].pixels[..., :3], np.float64)
-    return np.stack([np.asarray(channels[k].pixels, np.float64) for k in "RGB"], -1)
+from gpurt import metrics
 
 
 def errors(image: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
@@ -36,9 +28,9 @@ def errors(image: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
     return float(e.mean()), float(e[: int(len(e) * 0.999)].mean())
 
 
-def measure(path: pathlib.Path, references: pathlib.Path, facts: dict[str, Any], o: argparse.Namespace) -> dict[str, Any]:
+def measure(path: pathlib.Path, references: pathlib.Path, facts: dict[str, Any], o: argparse.Namespace) -> list[dict[str, Any]]:
     name = path.stem.removesuffix("_tess").removesuffix("_patches")
-    reference = read_rgb(references / f"{name}.exr")
+    reference = metrics.read_exr(str(references / f"{name}.exr")).astype(np.float64)
     scene = gpurt.load(str(path)).commit(accel=o.accel)
     points = []
     for i, spp in enumerate(o.points):
@@ -56,15 +48,13 @@ def measure(path: pathlib.Path, references: pathlib.Path, facts: dict[str, Any],
     y = np.log([max(p["own_trimmed"], 1e-12) for p in points])
     slope = float(np.polyfit(x, y, 1)[0])
     print(f"{path.stem:26s} slope {slope:.3f}", flush=True)
-    return {"scene": path.stem, "slope": slope, "points": points}
+    return [{"scene": path.stem, "slope": slope, "points": points}]
 
 
-def main() -> int:
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def measure_scenes(p: argparse.ArgumentParser, measure: Callable[..., list[dict[str, Any]]]) -> int:
+    """Calls measure(scene, references, facts, options) for each scene with a reference; adds what options all need."""
     p.add_argument("scenes", nargs="+", type=pathlib.Path)
     p.add_argument("--references", type=pathlib.Path)
-    p.add_argument("--points", nargs="+", type=int, default=[64, 256, 1024, 4096])
-    p.add_argument("--accel", default="auto")
     p.add_argument("--json", type=pathlib.Path)
     o = p.parse_args()
     references = o.references or o.scenes[0].parent / "reference"
@@ -75,10 +65,17 @@ def main() -> int:
         if name not in table:
             print(f"{scene.stem}: no reference, left out", file=sys.stderr)
             continue
-        rows.append(measure(scene, references, table[name], o))
+        rows += measure(scene, references, table[name], o)
     if o.json:
         o.json.write_text(json.dumps(rows, indent=1) + "\n")
     return 0
+
+
+def main() -> int:
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--points", nargs="+", type=int, default=[64, 256, 1024, 4096])
+    p.add_argument("--accel", default="auto")
+    return measure_scenes(p, measure)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,6 @@ Needs the gpurt package, numpy and OpenEXR.
 from __future__ import annotations
 
 import argparse
-import json
 import pathlib
 import sys
 from typing import Any
@@ -29,7 +28,8 @@ from typing import Any
 import numpy as np
 
 import gpurt
-from convergence import read_rgb
+from convergence import measure_scenes
+from gpurt import metrics
 
 
 def tiles(values: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ def tiles(values: np.ndarray) -> np.ndarray:
 
 def measure(path: pathlib.Path, references: pathlib.Path, facts: dict[str, Any], o: argparse.Namespace) -> list[Any]:
     name = path.stem.removesuffix("_tess").removesuffix("_patches")
-    reference = read_rgb(references / f"{name}.exr")
+    reference = metrics.read_exr(str(references / f"{name}.exr")).astype(np.float64)
     scene = gpurt.load(str(path), device=gpurt.Device(o.device)).commit(accel="bvh")
     frame = gpurt.Frame(scene, width=facts["width"], height=facts["height"], seed=11,
                         outputs=("bias", "error", "variance"))
@@ -71,25 +71,10 @@ def measure(path: pathlib.Path, references: pathlib.Path, facts: dict[str, Any],
 
 def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("scenes", nargs="+", type=pathlib.Path)
-    p.add_argument("--references", type=pathlib.Path)
     p.add_argument("--points", nargs="+", type=int, default=[32, 128, 512])
     p.add_argument("--estimator", default="memoryless", choices=("memoryless", "adaptive"))
     p.add_argument("--device", default="auto")
-    p.add_argument("--json", type=pathlib.Path)
-    o = p.parse_args()
-    references = o.references or o.scenes[0].parent / "reference"
-    table = json.loads((references / "references.json").read_text())
-    rows = []
-    for scene in o.scenes:
-        name = scene.stem.removesuffix("_tess").removesuffix("_patches")
-        if name not in table:
-            print(f"{scene.stem}: no reference, left out", file=sys.stderr)
-            continue
-        rows += measure(scene, references, table[name], o)
-    if o.json:
-        o.json.write_text(json.dumps(rows, indent=1) + "\n")
-    return 0
+    return measure_scenes(p, measure)
 
 
 if __name__ == "__main__":
