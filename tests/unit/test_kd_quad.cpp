@@ -5,26 +5,15 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <random>
 #include <set>
 
 #include "accel/kd_build.h"
 #include "core/accel/kd_quad_make.h"
 #include "core/accel/trace.h"
+#include "random_values.h"
 
 namespace gpurt {
 namespace {
-
-class Random {
- public:
-  explicit Random(uint64_t seed) : engine_(seed) {}
-  float between(float lo, float hi) { return std::uniform_real_distribution<float>(lo, hi)(engine_); }
-  uint32_t below(uint32_t n) { return uint32_t(engine_() % n); }
-  Vec3f point(float size) { return {between(-size, size), between(-size, size), between(-size, size)}; }
-
- private:
-  std::mt19937_64 engine_;
-};
 
 struct Mesh {
   std::vector<Vec3f> positions;

@@ -4,28 +4,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <random>
 
 #include "accel/bvh_build.h"
 #include "core/accel/bvh_node.h"
 #include "core/accel/near_ray.h"
 #include "core/accel/trace.h"
+#include "random_values.h"
 
 namespace gpurt {
 namespace {
-
-class Random {
- public:
-  explicit Random(uint64_t seed) : engine_(seed) {}
-  float between(float lo, float hi) { return std::uniform_real_distribution<float>(lo, hi)(engine_); }
-  uint32_t below(uint32_t n) { return uint32_t(engine_() % n); }
-  Vec3f point(float size) { return {between(-size, size), between(-size, size), between(-size, size)}; }
-  // Of a size between 2^lo and 2^hi, evenly in the exponent.
-  float magnitude(float lo, float hi) { return std::exp2(between(lo, hi)); }
-
- private:
-  std::mt19937_64 engine_;
-};
 
 BvhView view_of(const Box &bounds) { return {nullptr, nullptr, bounds, make_bvh_frame(bounds), 0}; }
 
