@@ -15,6 +15,13 @@ namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
 namespace {
 
+// The ray from the eye through the place of sample k of a bucket.
+Ray ray_of_sample(const Camera &camera, const ReyesMemory &memory, const PathSample &s, uint32_t k)
+{
+  float depth_per_t;
+  return camera_ray(camera, float(s.x) + memory.place_x[k], float(s.y) + memory.place_y[k], depth_per_t);
+}
+
 // Path tracing's stages for hits that are known.
 class HitExecutor : public SerialExecutor {
  public:
@@ -180,9 +187,7 @@ class BlendedBucket {
     const PathSample s = path_sample(unit_of(bucket), k);
     const bool is_box = reyes_.filter == ReyesFilter::Box;
     const uint32_t i = num_waiting_++;
-    float depth_per_t;
-    const Ray ray = camera_ray(settings_.camera, float(s.x) + memory_.place_x[k],
-                               float(s.y) + memory_.place_y[k], depth_per_t);
+    const Ray ray = ray_of_sample(settings_.camera, memory_, s, k);
     wave_.rays.rays[i] = ray;
     wave_.rays.paths[i] = i;
     wave_.hits[i] = hit_of_sample(scene_, settings_.camera, ray, root, z, place);
@@ -222,9 +227,7 @@ class BlendedBucket {
       const Vec3f radiance = blend_.radiance[slot];
       const Hit &standing = blend_.standing[slot];
       if (film_.features != nullptr || film_.first_hits != nullptr) {
-        float depth_per_t;
-        const Ray ray = camera_ray(settings_.camera, float(s.x) + memory_.place_x[k],
-                                   float(s.y) + memory_.place_y[k], depth_per_t);
+        const Ray ray = ray_of_sample(settings_.camera, memory_, s, k);
         features(s.sample, pixel, ray, standing, [](int64_t &sum, int64_t term) { sum += term; });
       }
       add_sample(film_.pixels[pixel], s.sample, radiance, standing.triangle != invalid_id);

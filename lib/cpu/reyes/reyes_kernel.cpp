@@ -363,9 +363,7 @@ class ReyesExecutor : public SerialExecutor {
       Ray &ray = wave_.rays.rays[i];
       if (reyes_.filter != ReyesFilter::Box) {
         const PathSample s = path_sample(unit_, i);
-        float depth_per_t;
-        ray = camera_ray(settings_.camera, float(s.x) + memory_.place_x[k], float(s.y) + memory_.place_y[k],
-                         depth_per_t);
+        ray = ray_of_sample(settings_.camera, memory_, s, k);
         wave_.paths[i].throughput = vec3(memory_.weight[k]);
       }
       const uint32_t root = memory_.root[slot];
