@@ -1,11 +1,12 @@
 // Runs the REYES stages one after another on the calling thread; see reyes_kernel.h.
 #include "cpu/reyes/reyes_kernel.h"
 
-#include "core/reyes/filter.h"
-#include "core/reyes/shade.h"
 #include "cpu/path/serial_executor.h"
 #include "cpu/reyes/blend_loops.h"
+#include "cpu/reyes/own_light.h"
+#include "cpu/reyes/places.h"
 #include "cpu/reyes/sample_loops.h"
+#include "cpu/reyes/shade_grid.h"
 
 namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
@@ -45,107 +46,6 @@ void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, 
   }
 }
 
-// The bucket's samples, sorted by cells.
-class Places {
- public:
-  Places(const PathSettings &settings, const ReyesSettings &reyes, const ReyesBucket &bucket,
-         const ReyesMemory &memory)
-      : memory_(memory),
-        num_samples_(uint32_t(uint64_t(bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0) * bucket.num_samples))
-  {
-    const int32_t reach = filter_reach(reyes.filter);
-    SampleBlock &b = block_;
-    b.cell_bits = bucket.num_samples >= 3 ? unit_bits - 1 : unit_bits;
-    b.cells_x = int32_t(bucket.x1 - bucket.x0 + 2 * uint32_t(reach)) << (unit_bits - b.cell_bits);
-    b.cells_y = int32_t(bucket.y1 - bucket.y0 + 2 * uint32_t(reach)) << (unit_bits - b.cell_bits);
-    b.origin_x = (int32_t(bucket.x0) - reach) * (1 << unit_bits);
-    b.origin_y = (int32_t(bucket.y0) - reach) * (1 << unit_bits);
-    b.num_samples = num_samples_;
-    b.x = memory.x;
-    b.y = memory.y;
-    b.z = memory.z;
-    b.root = memory.root;
-    b.u = memory.u;
-    b.v = memory.v;
-    b.first = memory.first;
-    FilterTable table{};
-    if (reyes.filter != ReyesFilter::Box) make_filter_table(reyes.filter, table);
-    // In the order of the paths that shade them. Until a surface is taken, u and v hold raster units.
-    const PathUnit unit{bucket.x0, bucket.y0, bucket.x1, bucket.y1, bucket.first_sample, 0};
-    for (uint32_t k = 0; k < num_samples_; ++k) {
-      const PathSample s = path_sample(unit, k);
-      const SampleKey key = sample_key(settings.seed, settings.frame_index, s.x, s.y, s.sample);
-      const FilteredPlace place = place_sample(reyes.filter, table, sample_2d(key, dim_pixel));
-      memory.place_x[k] = place.offset.x;
-      memory.place_y[k] = place.offset.y;
-      memory.weight[k] = place.weight;
-      memory.u[k] =
-          floor(place.offset.x * units_per_pixel) + float(int32_t(s.x) * (1 << unit_bits) - b.origin_x);
-      memory.v[k] =
-          floor(place.offset.y * units_per_pixel) + float(int32_t(s.y) * (1 << unit_bits) - b.origin_y);
-    }
-    sort();
-  }
-
-  const SampleBlock &block() const { return block_; }
-
- private:
-  void sort()
-  {
-    const uint32_t num_cells = uint32_t(block_.cells_x) * uint32_t(block_.cells_y);
-    const auto cell_of = [&](uint32_t k) {
-      return (uint32_t(memory_.v[k]) >> block_.cell_bits) * uint32_t(block_.cells_x) +
-             (uint32_t(memory_.u[k]) >> block_.cell_bits);
-    };
-    for (uint32_t c = 0; c <= num_cells; ++c) memory_.first[c] = 0;
-    for (uint32_t k = 0; k < num_samples_; ++k) memory_.first[cell_of(k)]++;
-    uint32_t sum = 0;
-    for (uint32_t c = 0; c <= num_cells; ++c) {
-      const uint32_t count = memory_.first[c];
-      memory_.first[c] = sum;
-      sum += count;
-    }
-    // Filling moves every cell's start to its end, which is the next cell's start.
-    for (uint32_t k = 0; k < num_samples_; ++k) {
-      const uint32_t slot = memory_.first[cell_of(k)]++;
-      memory_.slot[k] = slot;
-      memory_.x[slot] = memory_.u[k];
-      memory_.y[slot] = memory_.v[k];
-      memory_.z[slot] = 0.0f;
-      memory_.root[slot] = invalid_id;
-    }
-    for (uint32_t c = num_cells; c > 0; --c) memory_.first[c] = memory_.first[c - 1];
-    memory_.first[0] = 0;
-  }
-
-  const ReyesMemory &memory_;
-  const uint32_t num_samples_;
-  SampleBlock block_{};
-};
-
-// The light of all micropolygons of a piece's grid, or of its blocks.
-void shade_grid(const SceneView &scene, const Material &material, const OwnLight &own,
-                const RasterPatch &patch, const Piece &p, uint32_t root, GridLight &light)
-{
-  const uint32_t bits_u = shaded_bits(p.grid_u, own.block_bits),
-                 bits_v = shaded_bits(p.grid_v, own.block_bits);
-  light.shift_u = p.grid_u - bits_u;
-  light.shift_v = p.grid_v - bits_v;
-  light.bits_u = bits_u;
-  ShadingColumns columns;
-  for (uint32_t i = 0; i < 1u << bits_u; ++i) {
-    const uint32_t k = middle_of_part(p.u, p.u_bits, bits_u, i);
-    for (uint32_t r = 0; r < 4; ++r) make_shading_column(patch, k, i, r, columns);
-  }
-  for (uint32_t j = 0; j < 1u << bits_v; ++j) {
-    const uint32_t kv = middle_of_part(p.v, p.v_bits, bits_v, j);
-    for (uint32_t i = 0; i < 1u << bits_u; ++i) {
-      light.packed[j << bits_u | i] =
-          shade_point(scene, material, own, columns, root, i, middle_of_part(p.u, p.u_bits, bits_u, i), kv);
-    }
-  }
-}
-
 // Splits, dices, shades if need be, and samples patches.
 class PatchPipeline {
  public:
@@ -155,6 +55,7 @@ class PatchPipeline {
                 ReyesKernelCounters &counters)
       : scene_(scene),
         own_(own),
+        has_plain_lights_(own != nullptr && has_plain_lights(scene)),
         projection_(projection),
         dice_(dice),
         sampler_(sampler),
@@ -210,7 +111,7 @@ class PatchPipeline {
     counters_.num_micropolygons += uint64_t(grid_.num_u) * grid_.num_v;
     charge(counters_.dice_seconds);
     if (own_ != nullptr) {
-      shade_grid(scene_, material, *own_, patch, piece, root, light_);
+      shade_grid(scene_, has_plain_lights_, material, *own_, patch, piece, root, light_);
       counters_.num_shaded += 1u << (piece.grid_u - light_.shift_u + piece.grid_v - light_.shift_v);
       charge(counters_.path.stage_seconds[uint32_t(PathStage::Shade)]);
     }
@@ -220,6 +121,7 @@ class PatchPipeline {
 
   const SceneView &scene_;
   const OwnLight *const own_;
+  const bool has_plain_lights_;
   const RasterProjection &projection_;
   const DiceSettings dice_;
   BlockSampler &sampler_;
@@ -383,23 +285,6 @@ class ReyesExecutor : public SerialExecutor {
   uint64_t &num_shaded_;
 };
 
-// Adds the light that samples have of their micropolygons to the film.
-void resolve_own_light(const ReyesBucket &bucket, const ReyesMemory &memory, const FilmView &film,
-                       ReyesKernelCounters &counters)
-{
-  const PathUnit unit{bucket.x0, bucket.y0, bucket.x1, bucket.y1, bucket.first_sample, 0};
-  const uint32_t n = uint32_t(uint64_t(bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0) * bucket.num_samples);
-  for (uint32_t k = 0; k < n; ++k) {
-    const PathSample s = path_sample(unit, k);
-    const uint32_t slot = memory.slot[k];
-    const bool covered = memory.z[slot] > 0.0f;
-    const Vec3f light = covered ? unpack_light(memory.root[slot]) * memory.weight[k] : vec3(0.0f);
-    add_sample(film.pixels[s.local], s.sample, light, covered);
-    const float largest = max_component(light);
-    if (largest > counters.path.largest_sample) counters.path.largest_sample = largest;
-  }
-}
-
 void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
            const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory,
            const PathWave &wave, uint32_t wave_capacity, const FilmView &film, double (*seconds)(),
@@ -407,7 +292,7 @@ void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &s
 {
   if (reyes.shading != ReyesShading::Samples) {
     const double start = seconds();
-    resolve_own_light(bucket, memory, film, counters);
+    resolve_own_light(reyes, bucket, memory, film, counters);
     counters.path.stage_seconds[uint32_t(PathStage::Film)] += seconds() - start;
     return;
   }

@@ -6,23 +6,15 @@
 #include "core/reyes/sample.h"
 #include "core/scene/surface.h"
 #include "cpu/reyes/fragments.h"
+#include "cpu/reyes/shade_grid.h"
+#include "cpu/reyes/tiny_quads.h"
 
 namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
 
 constexpr uint32_t samples_per_run = 64;
-// Samples that a micropolygon looks at at a time, of the few that its cells of a row have. x, y, z and root of a block may be
-// read so far beyond their ends, and written what they hold: other arrays of the same thread follow (ReyesMemory).
-constexpr uint32_t samples_per_vector = 8;
-
-// Packed light of a grid's micropolygons, or of its blocks of them.
-struct GridLight {
-  uint32_t shift_u, shift_v;  // log2 of the micropolygons along a block
-  uint32_t bits_u;            // log2 of the blocks along u
-  uint32_t packed[max_segments * max_segments];
-
-  uint32_t of(uint32_t i, uint32_t j) const { return packed[(j >> shift_v) << bits_u | i >> shift_u]; }
-};
+// A micropolygon looks at num_lanes samples at a time, of the few that its cells of a row have. x, y, z and root of a block may
+// be read so far beyond their ends, and written what they hold: other arrays of the same thread follow (ReyesMemory).
 
 // Puts micropolygons and triangles, root by root, into the samples of a block.
 class BlockSampler {
@@ -50,11 +42,22 @@ class BlockSampler {
   void sample_grid(const Grid &grid, const GridLight *light)
   {
     const uint32_t width = grid.num_u + 1;
+    TinyQuads quads;
     for (uint32_t j = 0; j < grid.num_v; ++j) {
-      for (uint32_t i = 0; i < grid.num_u; ++i) {
-        const uint32_t a = j * width + i;
-        if (light != nullptr) light_ = light->of(i, j);
-        sample_quad(grid, a, a + 1, a + width + 1, a + width);
+      for (uint32_t first = 0; first < grid.num_u; first += num_lanes) {
+        const uint32_t n = min(grid.num_u - first, num_lanes);
+        uint32_t left = (1u << n) - 1, tiny = 0;
+        if (grid.all_in_front) {
+          if (!make_tiny_quads(grid, j, first, n, block_, quads)) continue;
+          left = quads.are_there & (quads.have_area | ~quads.are_tiny);
+          tiny = quads.are_tiny;
+        }
+        for (; left != 0; left &= left - 1) {
+          const uint32_t k = uint32_t(__builtin_ctz(left)), i = first + k, a = j * width + i;
+          if (light != nullptr) light_ = light->of(i, j);
+          if (tiny >> k & 1) sample_tiny_quad(quads, k, grid, a);
+          else sample_quad(grid, a, a + 1, a + width + 1, a + width);
+        }
       }
     }
   }
@@ -118,76 +121,60 @@ class BlockSampler {
 
   void sample_quad(const Grid &g, uint32_t a, uint32_t b, uint32_t c, uint32_t d)
   {
-    if (g.all_in_front) {
-      const float x0 = min(min(g.x[a], g.x[b]), min(g.x[c], g.x[d]));
-      const float x1 = max(max(g.x[a], g.x[b]), max(g.x[c], g.x[d]));
-      const float y0 = min(min(g.y[a], g.y[b]), min(g.y[c], g.y[d]));
-      const float y1 = max(max(g.y[a], g.y[b]), max(g.y[c], g.y[d]));
-      CellRange cells;
-      if (!cells_of_box(block_, x0, y0, x1, y1, cells)) return;
-      if (x1 - x0 <= small_extent && y1 - y0 <= small_extent) {
-        sample_small_quad(g, a, b, c, d, cells);
-        return;
-      }
-    }
     const RasterVertex va = vertex(g, a), vb = vertex(g, b), vc = vertex(g, c), vd = vertex(g, d);
     sample_triangle(va, vb, vc);
     sample_triangle(va, vc, vd);
   }
 
-  // Both triangles of a micropolygon, a b c and a c d, at a time.
-  void sample_small_quad(const Grid &g, uint32_t a, uint32_t b, uint32_t c, uint32_t d,
-                         const CellRange &cells)
+  // Both triangles of micropolygon k of eight, whose first vertex is a of the grid.
+  GPURT_INLINE void sample_tiny_quad(const TinyQuads &q, uint32_t k, const Grid &g, uint32_t a)
   {
-    const float ax = g.x[a] - origin_x_, ay = g.y[a] - origin_y_, bx = g.x[b] - origin_x_,
-                by = g.y[b] - origin_y_, cx = g.x[c] - origin_x_, cy = g.y[c] - origin_y_,
-                dx = g.x[d] - origin_x_, dy = g.y[d] - origin_y_;
-    SmallTriangle s, t;
-    const bool has_s = make_small_triangle(ax, ay, g.z[a], bx, by, g.z[b], cx, cy, g.z[c], s);
-    const bool has_t = make_small_triangle(ax, ay, g.z[a], cx, cy, g.z[c], dx, dy, g.z[d], t);
-    if (!has_s && !has_t) return;
-    // In the place of one without area, which covers nothing, stands the other.
-    if (!has_s) s = t;
-    if (!has_t) t = s;
-    const uint32_t s_b = has_s ? b : c, s_c = has_s ? c : d, t_b = has_t ? c : b, t_c = has_t ? d : c;
-    for (int32_t row = cells.y0; row <= cells.y1; ++row) {
-      const uint32_t cell = uint32_t(row) * uint32_t(block_.cells_x);
-      const uint32_t end = block_.first[cell + uint32_t(cells.x1) + 1];
-      for (uint32_t first = block_.first[cell + uint32_t(cells.x0)]; first < end;
-           first += samples_per_vector) {
-        // Always a whole vector: what lies behind the run is computed and not taken.
-        const uint32_t n = min(end - first, samples_per_vector);
-        float z[samples_per_vector];
-        const float *px = block_.x + first, *py = block_.y + first, *old_z = block_.z + first;
-        uint32_t any = 0;
-        for (uint32_t k = 0; k < samples_per_vector; ++k) {
-          float p, q;
-          const float zs = cover(s, px[k], py[k], p, q), zt = cover(t, px[k], py[k], p, q);
-          const float nearest = zt > zs ? zt : zs;
-          const float taken = (nearest >= old_z[k]) & (k < n) ? nearest : 0.0f;
-          z[k] = taken;
-          any |= float_bits(taken);
-        }
-        if (any == 0) continue;
+    const FloatLanes ax = lanes(q.ax[k]), ay = lanes(q.ay[k]);
+    const IntLanes lane{0, 1, 2, 3, 4, 5, 6, 7};
+    const uint32_t *row = block_.first + uint32_t(q.y0[k]) * uint32_t(block_.cells_x);
+    for (int32_t y = q.y0[k]; y <= q.y1[k]; ++y, row += block_.cells_x) {
+      const uint32_t end = row[q.x1[k] + 1];
+      for (uint32_t first = row[q.x0[k]]; first < end; first += num_lanes) {
+        // Always whole lanes: what lies behind the run is computed and not taken.
+        const FloatLanes x = load_lanes(block_.x + first) - ax, y = load_lanes(block_.y + first) - ay,
+                         old_z = load_lanes(block_.z + first);
+        const FloatLanes zs = cover_tiny(q.s, k, x, y), zt = cover_tiny(q.t, k, x, y);
+        const FloatLanes z = max(zs, zt);
+        IntLanes is_near = (z >= old_z) & (z > 0.0f) & (lane < int32_t(min(end - first, num_lanes)));
+        uint32_t near = bits_of_mask(is_near);
+        if (near == 0) continue;
         if (has_own_light_) {
-          take_light(first, z);
+          // Of equally near light the larger number stays, whatever comes first.
+          const UintLanes old_light = load_lanes(block_.root + first);
+          is_near &= (z > old_z) | (old_light < light_);
+          store_lanes(block_.z + first, is_near ? z : old_z);
+          store_lanes(block_.root + first, is_near ? lanes(light_) : old_light);
+          num_fragments_ += uint32_t(__builtin_popcount(bits_of_mask(is_near)));
           continue;
         }
-        for (uint32_t k = 0; k < n; ++k) {
-          if (!(z[k] > 0.0f)) continue;
-          // A micropolygon that is not convex may cover a sample twice.
-          const auto take_if_nearer = [&](const SmallTriangle &triangle, uint32_t i_b, uint32_t i_c) {
-            float pb, pc;
-            const float covered = cover(triangle, px[k], py[k], pb, pc);
-            if (!(covered > 0.0f && covered >= old_z[k])) return;
-            const Vec2f corners[3] = {{g.u[a], g.v[a]}, {g.u[i_b], g.v[i_b]}, {g.u[i_c], g.v[i_c]}};
-            take(first + k, covered, cover_uv(triangle, corners, covered, pb, pc));
-          };
-          take_if_nearer(s, s_b, s_c);
-          take_if_nearer(t, t_b, t_c);
+        const uint32_t width = g.num_u + 1;
+        for (; near != 0; near &= near - 1) {
+          const uint32_t slot = first + uint32_t(__builtin_ctz(near));
+          take_of_triangle(g, a, a + 1, a + width + 1, slot);
+          take_of_triangle(g, a, a + width + 1, a + width, slot);
         }
       }
     }
+  }
+
+  // A micropolygon that is not convex may cover a sample twice.
+  void take_of_triangle(const Grid &g, uint32_t a, uint32_t b, uint32_t c, uint32_t slot)
+  {
+    SmallTriangle t;
+    if (!make_small_triangle(g.x[a] - origin_x_, g.y[a] - origin_y_, g.z[a], g.x[b] - origin_x_,
+                             g.y[b] - origin_y_, g.z[b], g.x[c] - origin_x_, g.y[c] - origin_y_, g.z[c], t)) {
+      return;
+    }
+    float share_b, share_c;
+    const float z = cover(t, block_.x[slot], block_.y[slot], share_b, share_c);
+    if (!(z > 0.0f && z >= block_.z[slot])) return;
+    const Vec2f corners[3] = {{g.u[a], g.v[a]}, {g.u[b], g.v[b]}, {g.u[c], g.v[c]}};
+    take(slot, z, cover_uv(t, corners, z, share_b, share_c));
   }
 
   template <class Cover, class Uv>
@@ -217,21 +204,6 @@ class BlockSampler {
         }
       }
     }
-  }
-
-  // Samples first .. whose z is not 0: of equally near light the larger number stays, whatever comes first.
-  void take_light(uint32_t first, const float (&z)[samples_per_vector])
-  {
-    float *old_z = block_.z + first;
-    uint32_t *old_light = block_.root + first;
-    uint32_t num = 0;
-    for (uint32_t k = 0; k < samples_per_vector; ++k) {
-      const bool takes = (z[k] > 0.0f) & ((z[k] > old_z[k]) | (light_ > old_light[k]));
-      old_z[k] = takes ? z[k] : old_z[k];
-      old_light[k] = takes ? light_ : old_light[k];
-      num += takes ? 1 : 0;
-    }
-    num_fragments_ += num;
   }
 
   // What is as near as what the sample has, or nearer.
