@@ -17,7 +17,7 @@ namespace {
 // Paths that are shaded together.
 constexpr uint32_t shaded_paths = 1024;
 // Samples of a bucket at most: they are looked at again and again, and stay in a core's cache.
-constexpr uint64_t bucket_samples = 1u << 14;
+constexpr uint64_t bucket_samples = 1u << 16;
 // Fragments of surfaces that blend that a thread keeps at a time, where memory lets it.
 constexpr uint64_t most_fragments = 1u << 18;
 // Without a limit of the device, lists of roots may take this much.

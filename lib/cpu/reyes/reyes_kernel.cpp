@@ -3,6 +3,7 @@
 
 #include "cpu/path/serial_executor.h"
 #include "cpu/reyes/blend_loops.h"
+#include "cpu/reyes/dice_grid.h"
 #include "cpu/reyes/own_light.h"
 #include "cpu/reyes/places.h"
 #include "cpu/reyes/sample_loops.h"
@@ -106,7 +107,7 @@ class PatchPipeline {
   void dice(const RasterPatch &patch, const Piece &piece, uint32_t root, const Material &material)
   {
     charge(counters_.split_seconds);
-    dice_piece(patch, piece, projection_, grid_);
+    dice_grid(patch, piece, projection_, grid_);
     counters_.num_grids++;
     counters_.num_micropolygons += uint64_t(grid_.num_u) * grid_.num_v;
     charge(counters_.dice_seconds);

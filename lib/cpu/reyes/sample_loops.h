@@ -41,25 +41,8 @@ class BlockSampler {
   // `light`: null, or what samples keep of the grid's micropolygons in place of the root.
   void sample_grid(const Grid &grid, const GridLight *light)
   {
-    const uint32_t width = grid.num_u + 1;
-    TinyQuads quads;
-    for (uint32_t j = 0; j < grid.num_v; ++j) {
-      for (uint32_t first = 0; first < grid.num_u; first += num_lanes) {
-        const uint32_t n = min(grid.num_u - first, num_lanes);
-        uint32_t left = (1u << n) - 1, tiny = 0;
-        if (grid.all_in_front) {
-          if (!make_tiny_quads(grid, j, first, n, block_, quads)) continue;
-          left = quads.are_there & (quads.have_area | ~quads.are_tiny);
-          tiny = quads.are_tiny;
-        }
-        for (; left != 0; left &= left - 1) {
-          const uint32_t k = uint32_t(__builtin_ctz(left)), i = first + k, a = j * width + i;
-          if (light != nullptr) light_ = light->of(i, j);
-          if (tiny >> k & 1) sample_tiny_quad(quads, k, grid, a);
-          else sample_quad(grid, a, a + 1, a + width + 1, a + width);
-        }
-      }
-    }
+    if (light != nullptr) sample_rows<true>(grid, light);
+    else sample_rows<false>(grid, nullptr);
   }
 
   // Any triangle, whatever its size and place.
@@ -113,6 +96,37 @@ class BlockSampler {
   uint64_t num_fragments() const { return num_fragments_; }
 
  private:
+  template <bool has_light>
+  void sample_rows(const Grid &grid, const GridLight *light)
+  {
+    const uint32_t width = grid.num_u + 1;
+    const SampleBlock block = block_;
+    uint32_t num_fragments = 0;
+    TinyQuads quads;
+    for (uint32_t j = 0; j < grid.num_v; ++j) {
+      for (uint32_t first = 0; first < grid.num_u; first += num_lanes) {
+        const uint32_t n = min(grid.num_u - first, num_lanes);
+        uint32_t left = (1u << n) - 1, tiny = 0;
+        if (grid.all_in_front) {
+          if (!make_tiny_quads(grid, j, first, n, block, quads)) continue;
+          left = quads.are_there & (quads.have_area | ~quads.are_tiny);
+          tiny = quads.are_tiny;
+        }
+        for (; left != 0; left &= left - 1) {
+          const uint32_t k = uint32_t(__builtin_ctz(left)), i = first + k, a = j * width + i;
+          const uint32_t own = has_light ? light->of(i, j) : 0;
+          if (tiny >> k & 1) {
+            sample_tiny_quad(block, quads, k, grid, a, has_light, lanes(own), num_fragments);
+            continue;
+          }
+          light_ = own;
+          sample_quad(grid, a, a + 1, a + width + 1, a + width);
+        }
+      }
+    }
+    num_fragments_ += num_fragments;
+  }
+
   static RasterVertex vertex(const Grid &g, uint32_t k)
   {
     const RasterPoint h{g.hx[k], g.hy[k], g.hw[k]};
@@ -126,30 +140,34 @@ class BlockSampler {
     sample_triangle(va, vc, vd);
   }
 
-  // Both triangles of micropolygon k of eight, whose first vertex is a of the grid.
-  GPURT_INLINE void sample_tiny_quad(const TinyQuads &q, uint32_t k, const Grid &g, uint32_t a)
+  // Both triangles of micropolygon k of eight, whose first vertex is a of the grid. What is read again and again is handed in:
+  // stores to samples could change members, for all that the compiler knows.
+  GPURT_INLINE void sample_tiny_quad(const SampleBlock &block, const TinyQuads &q, uint32_t k, const Grid &g,
+                                     uint32_t a, bool has_light, UintLanes light, uint32_t &num_fragments)
   {
     const FloatLanes ax = lanes(q.ax[k]), ay = lanes(q.ay[k]);
     const IntLanes lane{0, 1, 2, 3, 4, 5, 6, 7};
-    const uint32_t *row = block_.first + uint32_t(q.y0[k]) * uint32_t(block_.cells_x);
-    for (int32_t y = q.y0[k]; y <= q.y1[k]; ++y, row += block_.cells_x) {
-      const uint32_t end = row[q.x1[k] + 1];
-      for (uint32_t first = row[q.x0[k]]; first < end; first += num_lanes) {
+    const uint32_t cells_x = uint32_t(block.cells_x), num_rows = uint32_t(q.y1[k] - q.y0[k]) + 1;
+    const uint32_t *from = block.first + uint32_t(q.y0[k]) * cells_x + uint32_t(q.x0[k]);
+    const uint32_t *to = from + uint32_t(q.x1[k] - q.x0[k]) + 1;
+    for (uint32_t row = 0; row < num_rows; ++row, from += cells_x, to += cells_x) {
+      const uint32_t end = *to;
+      for (uint32_t first = *from; first < end; first += num_lanes) {
         // Always whole lanes: what lies behind the run is computed and not taken.
-        const FloatLanes x = load_lanes(block_.x + first) - ax, y = load_lanes(block_.y + first) - ay,
-                         old_z = load_lanes(block_.z + first);
+        const FloatLanes x = load_lanes(block.x + first) - ax, y = load_lanes(block.y + first) - ay,
+                         old_z = load_lanes(block.z + first);
         const FloatLanes zs = cover_tiny(q.s, k, x, y), zt = cover_tiny(q.t, k, x, y);
         const FloatLanes z = max(zs, zt);
-        IntLanes is_near = (z >= old_z) & (z > 0.0f) & (lane < int32_t(min(end - first, num_lanes)));
+        IntLanes is_near = (z >= old_z) & (z > 0.0f) & (lane < int32_t(end - first));
         uint32_t near = bits_of_mask(is_near);
         if (near == 0) continue;
-        if (has_own_light_) {
+        if (has_light) {
           // Of equally near light the larger number stays, whatever comes first.
-          const UintLanes old_light = load_lanes(block_.root + first);
-          is_near &= (z > old_z) | (old_light < light_);
-          store_lanes(block_.z + first, is_near ? z : old_z);
-          store_lanes(block_.root + first, is_near ? lanes(light_) : old_light);
-          num_fragments_ += uint32_t(__builtin_popcount(bits_of_mask(is_near)));
+          const UintLanes old_light = load_lanes(block.root + first);
+          is_near &= (z > old_z) | (old_light < light);
+          store_lanes(block.z + first, is_near ? z : old_z);
+          store_lanes(block.root + first, is_near ? light : old_light);
+          num_fragments += uint32_t(__builtin_popcount(bits_of_mask(is_near)));
           continue;
         }
         const uint32_t width = g.num_u + 1;
