@@ -15,7 +15,8 @@ struct DiceColumns {
 // Where the last eight of n begin that are taken after those up to i; rows have eight vertices at least.
 GPURT_INLINE uint32_t lanes_from(uint32_t i, uint32_t n) { return min(i, n - num_lanes); }
 
-GPURT_INLINE FloatLanes cubic(const CubicWeights &c, FloatLanes p0, FloatLanes p1, FloatLanes p2, FloatLanes p3)
+GPURT_INLINE FloatLanes cubic(const CubicWeights &c, FloatLanes p0, FloatLanes p1, FloatLanes p2,
+                              FloatLanes p3)
 {
   return (c.w0 * p0 + c.w3 * p3) + (c.w1 * p1 + c.w2 * p2);
 }
@@ -31,7 +32,7 @@ inline void dice_columns(const RasterPatch &patch, const Piece &p, uint32_t widt
     const FloatLanes w0 = a * a * a, w1 = 3.0f * (a * a * b), w2 = 3.0f * (b * b * a), w3 = b * b * b;
     store_lanes(g.param + i, b);
     for (int r = 0; r < 4; ++r) {
-      const auto column = [&](const float(&c)[16]) {
+      const auto column = [&](const float (&c)[16]) {
         return (w0 * c[4 * r] + w3 * c[4 * r + 3]) + (w1 * c[4 * r + 1] + w2 * c[4 * r + 2]);
       };
       store_lanes(g.x[r] + i, column(patch.x));
@@ -59,7 +60,8 @@ inline void mend_rim(const RasterPatch &patch, const Piece &p, Grid &g)
   };
   for (uint32_t e = 0; e < 4; ++e) {
     const bool along_u = e < 2;
-    const uint32_t n = along_u ? g.num_u : g.num_v, step = along_u ? p.u_bits - p.grid_u : p.v_bits - p.grid_v;
+    const uint32_t n = along_u ? g.num_u : g.num_v,
+                   step = along_u ? p.u_bits - p.grid_u : p.v_bits - p.grid_v;
     const uint32_t at = (e & 1) == 0 ? 0 : (along_u ? g.num_v : g.num_u);
     // Corners belong to the edges along u.
     if (along_u) {
@@ -88,8 +90,9 @@ inline void dice_grid(const RasterPatch &patch, const Piece &p, const RasterProj
     const FloatLanes kv = lanes(parameter(k));
     for (uint32_t from = 0; from < width; from += num_lanes) {
       const uint32_t i = lanes_from(from, width);
-      const auto point = [&](const float(&c)[4][max_segments + 1]) {
-        return cubic(v, load_lanes(c[0] + i), load_lanes(c[1] + i), load_lanes(c[2] + i), load_lanes(c[3] + i));
+      const auto point = [&](const float (&c)[4][max_segments + 1]) {
+        return cubic(v, load_lanes(c[0] + i), load_lanes(c[1] + i), load_lanes(c[2] + i),
+                     load_lanes(c[3] + i));
       };
       store_lanes(g.hx + first + i, point(columns.x));
       store_lanes(g.hy + first + i, point(columns.y));

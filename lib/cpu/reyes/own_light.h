@@ -18,13 +18,21 @@ constexpr uint64_t most_summed = 1u << 20;
 struct PackedSums {
   uint64_t sum[2][2][3] = {};
 
-  void add(uint32_t half, uint32_t packed)
+  // Returns a number in the order of the light's largest component: of which, but for the least exponent, 255 units or
+  // more are left, and at most 510.
+  uint32_t add(uint32_t half, uint32_t packed)
   {
     const uint32_t exponent = packed >> 26, shift = exponent & 31;
+    const uint32_t r = packed >> 17 & 0x1ffu, g = packed >> 8 & 0x1ffu, b = 2 * (packed & 0xffu);
     uint64_t (&to)[3] = sum[half][exponent >> 5];
-    to[0] += uint64_t(packed >> 17 & 0x1ffu) << shift;
-    to[1] += uint64_t(packed >> 8 & 0x1ffu) << shift;
-    to[2] += uint64_t(2 * (packed & 0xffu)) << shift;
+    to[0] += uint64_t(r) << shift;
+    to[1] += uint64_t(g) << shift;
+    to[2] += uint64_t(b) << shift;
+    return exponent << 9 | max(r, max(g, b));
+  }
+  static float from_key(uint32_t key)
+  {
+    return float(key & 0x1ffu) * float_from_bits(((key >> 9) + (127 - light_exponent_bias)) << 23);
   }
 
   void add_to(PixelSums &pixel) const
@@ -47,6 +55,7 @@ void resolve_own_light(const ReyesSettings &reyes, const ReyesBucket &bucket, co
   const uint32_t num_pixels = (bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0);
   float largest = counters.path.largest_sample;
   if (reyes.filter == ReyesFilter::Box && bucket.num_samples <= most_summed) {
+    uint32_t key = 0;
     for (uint32_t p = 0; p < num_pixels; ++p) {
       PackedSums sums;
       uint32_t num_samples[2] = {0, 0}, num_covered = 0, num_nonfinite = 0;
@@ -60,8 +69,7 @@ void resolve_own_light(const ReyesSettings &reyes, const ReyesBucket &bucket, co
           largest = infinity;
           continue;
         }
-        sums.add(half, packed);
-        largest = max(largest, max_component(unpack_light(packed)));
+        key = max(key, sums.add(half, packed));
         num_samples[half]++;
         num_covered += covered ? 1 : 0;
       }
@@ -72,6 +80,7 @@ void resolve_own_light(const ReyesSettings &reyes, const ReyesBucket &bucket, co
       pixel.num_covered += num_covered;
       pixel.num_nonfinite += num_nonfinite;
     }
+    largest = max(largest, PackedSums::from_key(key));
   } else {
     for (uint32_t k = 0; k < num_pixels * bucket.num_samples; ++k) {
       const PathSample s = path_sample(unit, k);

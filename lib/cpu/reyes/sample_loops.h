@@ -156,10 +156,10 @@ class BlockSampler {
         // Always whole lanes: what lies behind the run is computed and not taken.
         const FloatLanes x = load_lanes(block.x + first) - ax, y = load_lanes(block.y + first) - ay,
                          old_z = load_lanes(block.z + first);
-        const FloatLanes zs = cover_tiny(q.s, k, x, y), zt = cover_tiny(q.t, k, x, y);
-        const FloatLanes z = max(zs, zt);
+        const TinyCover of_s = cover_tiny(q.s, k, x, y), of_t = cover_tiny(q.t, k, x, y);
+        const FloatLanes z = max(of_s.z, of_t.z);
         IntLanes is_near = (z >= old_z) & (z > 0.0f) & (lane < int32_t(end - first));
-        uint32_t near = bits_of_mask(is_near);
+        const uint32_t near = bits_of_mask(is_near);
         if (near == 0) continue;
         if (has_light) {
           // Of equally near light the larger number stays, whatever comes first.
@@ -170,29 +170,27 @@ class BlockSampler {
           num_fragments += uint32_t(__builtin_popcount(bits_of_mask(is_near)));
           continue;
         }
-        const uint32_t width = g.num_u + 1;
-        for (; near != 0; near &= near - 1) {
-          const uint32_t slot = first + uint32_t(__builtin_ctz(near));
-          take_of_triangle(g, a, a + 1, a + width + 1, slot);
-          take_of_triangle(g, a, a + width + 1, a + width, slot);
-        }
+        // A micropolygon that is not convex may cover a sample twice.
+        const uint32_t c = a + g.num_u + 2;
+        take_lanes(block, of_s, q.s.is_swapped[k] != 0, near, first, g, a, a + 1, c);
+        take_lanes(block, of_t, q.t.is_swapped[k] != 0, near, first, g, a, c, c - 1);
       }
     }
   }
 
-  // A micropolygon that is not convex may cover a sample twice.
-  void take_of_triangle(const Grid &g, uint32_t a, uint32_t b, uint32_t c, uint32_t slot)
+  // Those of samples first .. that a triangle a b c of the grid covers.
+  GPURT_INLINE void take_lanes(const SampleBlock &block, const TinyCover &cover, bool is_swapped,
+                               uint32_t near, uint32_t first, const Grid &g, uint32_t a, uint32_t b,
+                               uint32_t c)
   {
-    SmallTriangle t;
-    if (!make_small_triangle(g.x[a] - origin_x_, g.y[a] - origin_y_, g.z[a], g.x[b] - origin_x_,
-                             g.y[b] - origin_y_, g.z[b], g.x[c] - origin_x_, g.y[c] - origin_y_, g.z[c], t)) {
-      return;
+    near &= bits_of_mask((cover.z > 0.0f) & (cover.z >= load_lanes(block.z + first)));
+    if (near == 0) return;
+    FloatLanes u, v;
+    cover_uv(cover, is_swapped, {g.u[a], g.v[a]}, {g.u[b], g.v[b]}, {g.u[c], g.v[c]}, u, v);
+    for (; near != 0; near &= near - 1) {
+      const uint32_t k = uint32_t(__builtin_ctz(near));
+      take(first + k, cover.z[k], {u[k], v[k]});
     }
-    float share_b, share_c;
-    const float z = cover(t, block_.x[slot], block_.y[slot], share_b, share_c);
-    if (!(z > 0.0f && z >= block_.z[slot])) return;
-    const Vec2f corners[3] = {{g.u[a], g.v[a]}, {g.u[b], g.v[b]}, {g.u[c], g.v[c]}};
-    take(slot, z, cover_uv(t, corners, z, share_b, share_c));
   }
 
   template <class Cover, class Uv>

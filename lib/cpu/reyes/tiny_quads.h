@@ -17,6 +17,12 @@ struct TinyTriangles {
   FloatLanes aa, ab, ac, ba, bb, ca, cb;  // those of b and c go through a
   FloatLanes za, zb, zc;
   FloatLanes threshold_a, threshold_b, threshold_c;
+  IntLanes is_swapped;  // b and c are exchanged
+};
+
+// What eight samples have of a triangle: 1 / w, or 0 where it does not cover them, and the shares of b and c in it.
+struct TinyCover {
+  FloatLanes z, share_b, share_c;
 };
 
 // Micropolygons a b c d as triangles a b c and a c d.
@@ -45,6 +51,7 @@ GPURT_INLINE IntLanes make_tiny_triangles(FloatLanes az, FloatLanes bx, FloatLan
   const FloatLanes inv_area = 1.0f / abs(twice_area);
   const FloatLanes px = is_swapped ? cx : bx, py = is_swapped ? cy : by, qx = is_swapped ? bx : cx,
                    qy = is_swapped ? by : cy, zero = lanes(0.0f);
+  t.is_swapped = is_swapped;
   t.aa = py - qy;
   t.ab = qx - px;
   t.ac = (qy - py) * px - (qx - px) * py;
@@ -62,14 +69,25 @@ GPURT_INLINE IntLanes make_tiny_triangles(FloatLanes az, FloatLanes bx, FloatLan
 }
 
 // As `cover`, of lane k's triangle, of samples (x, y) from its vertex a.
-GPURT_INLINE FloatLanes cover_tiny(const TinyTriangles &t, uint32_t k, FloatLanes x, FloatLanes y)
+GPURT_INLINE TinyCover cover_tiny(const TinyTriangles &t, uint32_t k, FloatLanes x, FloatLanes y)
 {
   const FloatLanes ea = exact_fma(lanes(t.aa[k]), x, exact_fma(lanes(t.ab[k]), y, lanes(t.ac[k])));
   const FloatLanes eb = exact_fma(lanes(t.ba[k]), x, t.bb[k] * y);
   const FloatLanes ec = exact_fma(lanes(t.ca[k]), x, t.cb[k] * y);
-  const FloatLanes z = ea * t.za[k] + eb * t.zb[k] + ec * t.zc[k];
+  const FloatLanes share_b = eb * t.zb[k], share_c = ec * t.zc[k];
+  const FloatLanes z = ea * t.za[k] + share_b + share_c;
   const IntLanes is_inside = (ea > t.threshold_a[k]) & (eb > t.threshold_b[k]) & (ec > t.threshold_c[k]);
-  return lanes_from_bits((UintLanes)is_inside & bits_of(z));
+  return {lanes_from_bits((UintLanes)is_inside & bits_of(z)), share_b, share_c};
+}
+
+// As cover_uv, of corners b and c as they were before they were exchanged.
+GPURT_INLINE void cover_uv(const TinyCover &cover, bool is_swapped, Vec2f a, Vec2f b, Vec2f c, FloatLanes &u,
+                           FloatLanes &v)
+{
+  const FloatLanes wb = (is_swapped ? cover.share_c : cover.share_b) / cover.z,
+                   wc = (is_swapped ? cover.share_b : cover.share_c) / cover.z, wa = 1.0f - wb - wc;
+  u = fma(wa, lanes(a.x), fma(wb, lanes(b.x), wc * c.x));
+  v = fma(wa, lanes(a.y), fma(wb, lanes(b.y), wc * c.y));
 }
 
 // Micropolygons first .. first + 7 of row j of a grid that is in front of the eye; `n` of them exist. Vertices that are read
