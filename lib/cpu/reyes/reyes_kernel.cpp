@@ -8,6 +8,7 @@
 #include "cpu/reyes/places.h"
 #include "cpu/reyes/sample_loops.h"
 #include "cpu/reyes/shade_grid.h"
+#include "cpu/reyes/shade_samples.h"
 
 namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
@@ -295,6 +296,12 @@ void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &s
     const double start = seconds();
     resolve_own_light(reyes, bucket, memory, film, counters);
     counters.path.stage_seconds[uint32_t(PathStage::Film)] += seconds() - start;
+    return;
+  }
+  if (reyes.no_shadows && !bucket.has_found_light) {
+    const double start = seconds();
+    shade_samples(scene, settings, bucket, memory, film, counters);
+    counters.path.stage_seconds[uint32_t(PathStage::Shade)] += seconds() - start;
     return;
   }
   const uint64_t num_paths = uint64_t(bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0) * bucket.num_samples;
