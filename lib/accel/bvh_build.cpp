@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <bit>
 
+#include "accel/bvh_reinsert.h"
 #include "accel/bvh_split.h"
 #include "accel/tracked_array.h"
 
@@ -38,13 +39,11 @@ struct Part {
   uint64_t spare;  // references that splits in space may add below it
 };
 
-// A finished part of the tree: nodes and references in the order of the final tree, counted from the part's first.
+// A finished part of the tree: nodes and references depth first, counted from the part's first.
 struct Subtree {
   uint32_t root = bvh_empty;
-  std::vector<BvhNode> nodes;
+  std::vector<BvhBuildNode> nodes;
   std::vector<uint32_t> references;
-  double cost = 0;
-  uint32_t depth = 0;
   Reservation reservation;
 };
 
@@ -53,7 +52,6 @@ struct UpperNode {
   Box box[2];
   std::unique_ptr<UpperNode> child[2];
   std::unique_ptr<Subtree> subtree;  // instead of children
-  double cost = 0;                   // of this step
 };
 
 BvhExtent measure(const KdReference *references, uint64_t count)
@@ -98,7 +96,13 @@ class Builder {
     const uint64_t most = std::min(count * bvh_max_references_per_primitive, uint64_t(bvh_max_references));
     const Part root = {extent, 0, source_.boxes != nullptr ? 0 : most - count};
     std::unique_ptr<UpperNode> top = build_upper(std::move(references), root);
-    lay_out(tree, *top, stats);
+    WholeTree whole = join(*top);
+    top.reset();
+    {
+      const Reservation reinserting(memory_, whole.nodes.size() * reinsert_bytes_per_node, build_memory);
+      reinsert(whole.nodes.data(), whole.nodes.size(), whole.root);
+    }
+    lay_out(tree, whole, stats);
     return tree;
   }
 
@@ -299,7 +303,6 @@ class Builder {
     bool is_swapped;
     order_children(part, count, extent, num, child_part, is_swapped);
     if (is_swapped) std::swap(child[0], child[1]);
-    node->cost = share(part.extent.bounds) * traversal_cost_;
     for (int s = 0; s < 2; ++s) node->box[s] = extent[s].bounds;
     tbb::parallel_invoke([&] { node->child[0] = build_upper(std::move(child[0]), child_part[0]); },
                          [&] { node->child[1] = build_upper(std::move(child[1]), child_part[1]); });
@@ -354,18 +357,16 @@ class Builder {
     out->root = build_node(*out, references, count, part, scratch_.local(), 0);
     out->nodes.shrink_to_fit();
     out->references.shrink_to_fit();
-    out->reservation =
-        Reservation(memory_, out->nodes.size() * sizeof(BvhNode) + out->references.size() * sizeof(uint32_t),
-                    build_memory);
+    out->reservation = Reservation(
+        memory_, out->nodes.size() * sizeof(BvhBuildNode) + out->references.size() * sizeof(uint32_t),
+        build_memory);
     return out;
   }
 
-  uint32_t add_leaf(Subtree &out, const KdReference *references, uint64_t count, const Part &part) const
+  static uint32_t add_leaf(Subtree &out, const KdReference *references, uint64_t count)
   {
     const uint32_t first = uint32_t(out.references.size());
     for (uint64_t i = 0; i < count; ++i) out.references.push_back(references[i].id);
-    out.cost += share(part.extent.bounds) * double(count);
-    out.depth = std::max(out.depth, part.depth);
     return bvh_leaf(first, uint32_t(count));
   }
 
@@ -376,7 +377,7 @@ class Builder {
   {
     const BvhSplit split = choose_split(references, count, part);
     if (split.kind == BvhSplitKind::None && count <= bvh_max_leaf_size)
-      return add_leaf(out, references, count, part);
+      return add_leaf(out, references, count);
     // Side by side in the block, which has room for every reference on both sides.
     if (scratch.blocks.size() <= level) scratch.blocks.resize(level + 1);
     if (scratch.blocks[level] == nullptr) scratch.blocks[level].reset(new KdReference[2 * task_size]);
@@ -389,16 +390,15 @@ class Builder {
     bool is_swapped;
     order_children(part, count, extent, num, child, is_swapped);
     if (is_swapped) std::swap(side[0], side[1]);
-    out.cost += share(part.extent.bounds) * traversal_cost_;
     const uint32_t slot = uint32_t(out.nodes.size());
     out.nodes.emplace_back();
     const uint32_t first = build_node(out, side[0], num[0], child[0], scratch, level + 1);
     const uint32_t second = build_node(out, side[1], num[1], child[1], scratch, level + 1);
-    out.nodes[slot] = make_bvh_node(extent[0].bounds, first, extent[1].bounds, second, frame_);
+    out.nodes[slot] = {{extent[0].bounds, extent[1].bounds}, {first, second}};
     return slot;
   }
 
-  // ---- The final arrays.
+  // ---- All parts in one tree.
 
   struct Piece {
     Subtree *subtree;
@@ -412,55 +412,101 @@ class Builder {
 
   struct Layout {
     std::vector<Piece> pieces;
-    std::vector<std::pair<uint64_t, BvhNode>> upper;
+    std::vector<std::pair<uint64_t, BvhBuildNode>> upper;
     uint64_t num_nodes = 0, num_references = 0;
-    double cost = 0;
-    uint32_t depth = 0;
   };
 
-  void lay_out(HostBvh &tree, UpperNode &top, BvhBuildStats &stats)
+  struct WholeTree {
+    uint32_t root = bvh_empty;
+    TrackedArray<BvhBuildNode> nodes;
+    TrackedArray<uint32_t> references;
+  };
+
+  WholeTree join(UpperNode &top) const
   {
     Layout layout;
-    tree.root = place(top, layout);
-    const Reservation final_arrays(
-        memory_, layout.num_nodes * sizeof(BvhNode) + layout.num_references * sizeof(uint32_t), build_memory);
-    tree.nodes.resize(layout.num_nodes);
-    tree.references.resize(layout.num_references);
-    for (const auto &[slot, node] : layout.upper) tree.nodes[slot] = node;
+    WholeTree whole;
+    whole.root = place(top, layout);
+    whole.nodes = TrackedArray<BvhBuildNode>(memory_, layout.num_nodes, build_memory);
+    whole.references = TrackedArray<uint32_t>(memory_, layout.num_references, build_memory);
+    for (const auto &[slot, node] : layout.upper) whole.nodes[slot] = node;
     tbb::parallel_for(size_t(0), layout.pieces.size(), [&](size_t i) {
       const Piece &piece = layout.pieces[i];
       const Subtree &part = *piece.subtree;
       for (uint64_t n = 0; n < part.nodes.size(); ++n) {
-        BvhNode node = part.nodes[n];
-        node.child0 = piece.relocated(node.child0);
-        node.child1 = piece.relocated(node.child1);
-        tree.nodes[piece.first_node + n] = node;
+        BvhBuildNode node = part.nodes[n];
+        for (uint32_t &child : node.child) child = piece.relocated(child);
+        whole.nodes[piece.first_node + n] = node;
       }
       std::copy(part.references.begin(), part.references.end(),
-                tree.references.begin() + ptrdiff_t(piece.first_reference));
+                whole.references.data() + piece.first_reference);
       *piece.subtree = {};
     });
-    stats.sah_cost = layout.cost;
-    stats.depth = layout.depth;
+    return whole;
   }
 
   // Gives every part its place, in depth-first order; returns the word by which its parent refers to it.
-  uint32_t place(UpperNode &node, Layout &layout)
+  static uint32_t place(UpperNode &node, Layout &layout)
   {
     if (node.subtree) {
       Subtree &s = *node.subtree;
       layout.pieces.push_back({&s, layout.num_nodes, layout.num_references});
       layout.num_nodes += s.nodes.size();
       layout.num_references += s.references.size();
-      layout.cost += s.cost;
-      layout.depth = std::max(layout.depth, s.depth);
       return layout.pieces.back().relocated(s.root);
     }
     const uint64_t slot = layout.num_nodes++;
-    layout.cost += node.cost;
     const uint32_t first = place(*node.child[0], layout), second = place(*node.child[1], layout);
-    layout.upper.emplace_back(slot, make_bvh_node(node.box[0], first, node.box[1], second, frame_));
+    layout.upper.push_back({slot, {{node.box[0], node.box[1]}, {first, second}}});
     return uint32_t(slot);
+  }
+
+  // ---- The final tree: depth first, the child with the larger box before the other, boxes rounded.
+
+  void lay_out(HostBvh &tree, WholeTree &whole, BvhBuildStats &stats)
+  {
+    const uint64_t num_nodes = whole.nodes.size(), num_references = whole.references.size();
+    const Reservation final_arrays(memory_, num_nodes * sizeof(BvhNode) + num_references * sizeof(uint32_t),
+                                   build_memory);
+    TrackedArray<uint32_t> order(memory_, num_nodes, build_memory);
+    tree.references.reserve(num_references);
+    // What is left to be laid out, and the child's word to be told where it lies.
+    struct Todo {
+      uint32_t word;
+      uint32_t depth;
+      double share;
+      uint32_t *parent;
+    };
+    std::vector<Todo> todo = {{whole.root, 0, share(tree.bounds), &tree.root}};
+    uint32_t num_placed = 0;
+    while (!todo.empty()) {
+      const Todo next = todo.back();
+      todo.pop_back();
+      stats.depth = std::max(stats.depth, next.depth);
+      if (is_bvh_leaf(next.word)) {
+        const uint32_t first = uint32_t(tree.references.size()), count = leaf_size(next.word);
+        const uint32_t *leaf = whole.references.data() + leaf_first(next.word);
+        tree.references.insert(tree.references.end(), leaf, leaf + count);
+        *next.parent = bvh_leaf(first, count);
+        stats.sah_cost += next.share * double(count);
+        continue;
+      }
+      BvhBuildNode &node = whole.nodes[next.word];
+      if (half_area(node.box[1]) > half_area(node.box[0])) {
+        std::swap(node.box[0], node.box[1]);
+        std::swap(node.child[0], node.child[1]);
+      }
+      *next.parent = num_placed;
+      order[num_placed++] = next.word;
+      stats.sah_cost += next.share * traversal_cost_;
+      for (int s = 1; s >= 0; --s)
+        todo.push_back({node.child[s], next.depth + 1, share(node.box[s]), &node.child[s]});
+    }
+    tree.nodes.resize(num_nodes);
+    tbb::parallel_for(uint64_t(0), num_nodes, [&](uint64_t i) {
+      const BvhBuildNode &node = whole.nodes[order[i]];
+      tree.nodes[i] = make_bvh_node(node.box[0], node.child[0], node.box[1], node.child[1], frame_);
+    });
   }
 
   const KdSource &source_;

@@ -3,7 +3,8 @@
 // Source: Wald 2007, binned SAH; Stich et al. 2009, spatial splits.
 // Differs: parts of a split triangle are bounded by what is left of its polygon, rounded outward, so that every point of
 // the triangle stays in a reference's box; references are bounded by a budget that is handed down the tree; where depth
-// runs short, references are halved by their number.
+// runs short, references are halved by their number; what splits place badly is put elsewhere in the end
+// (bvh_reinsert.h).
 #pragma once
 
 #include "accel/kd_build.h"
