@@ -8,6 +8,7 @@
 // rounds' own, so that what else the machine does falls on all alike. Rays see what samples see: path tracing of max_depth 1
 // with as many samples, on one thread, on Embree and on the kd-tree. "visibility": REYES of max_depth 1, which does as much;
 // "samples" and "micropolygons": with direct light without shadows, at samples and once for each micropolygon.
+// "finding" is the part of it that finds what samples see: places, bound, split, dice and sample, or rays and their hits.
 // Times of one thread are processor time; "speedup" is of wall time, of the medians and of the shortest times.
 #include <time.h>
 
@@ -120,9 +121,22 @@ struct Way {
   const char *name;
   const Committed *committed;
   gpurt_render_desc desc;
-  std::vector<double> wall, cpu;
+  std::vector<double> wall, cpu, finding;
   gpurt_statistics statistics;
 };
+
+// What a way's last round took to find what samples see. Stages are timed by the wall: their shares are applied to the
+// processor's time.
+double finding_seconds(const Way &way)
+{
+  const gpurt_statistics &s = way.statistics;
+  const gpurt_reyes_counters &c = s.reyes_counters;
+  const double wall =
+      way.desc.pipeline == GPURT_PIPELINE_PATH
+          ? s.generate_seconds + s.trace_seconds
+          : s.generate_seconds + c.bound_seconds + c.split_seconds + c.dice_seconds + c.sample_seconds;
+  return wall * way.cpu.back() / s.render_seconds;
+}
 
 void render(Way &way, const Size &size)
 {
@@ -141,6 +155,7 @@ void render(Way &way, const Size &size)
   way.cpu.push_back(cpu_seconds() - cpu);
   way.statistics = GPURT_STATISTICS_INIT;
   check(gpurt_frame_get_statistics(frame, &way.statistics), "gpurt_frame_get_statistics");
+  way.finding.push_back(finding_seconds(way));
   gpurt_frame_release(frame);
 }
 
@@ -166,14 +181,14 @@ void run(const std::string &path, const Size &size, const Options &o, const Comm
   rays.pipeline = GPURT_PIPELINE_PATH;
   rays.samples_per_pixel = o.spp;
   rays.max_depth = 1;
-  Way ways[] = {{"rays, Embree", &embree, rays, {}, {}, {}},
-                {"rays, kd-tree", &kdtree, rays, {}, {}, {}},
-                {"visibility", &embree, visibility, {}, {}, {}},
-                {"samples", &embree, reyes, {}, {}, {}},
-                {"micropolygons", &embree, micropolygons, {}, {}, {}},
-                {"visibility", &parallel, visibility, {}, {}, {}},
-                {"samples", &parallel, reyes, {}, {}, {}},
-                {"micropolygons", &parallel, micropolygons, {}, {}, {}}};
+  Way ways[] = {{"rays, Embree", &embree, rays, {}, {}, {}, {}},
+                {"rays, kd-tree", &kdtree, rays, {}, {}, {}, {}},
+                {"visibility", &embree, visibility, {}, {}, {}, {}},
+                {"samples", &embree, reyes, {}, {}, {}, {}},
+                {"micropolygons", &embree, micropolygons, {}, {}, {}, {}},
+                {"visibility", &parallel, visibility, {}, {}, {}, {}},
+                {"samples", &parallel, reyes, {}, {}, {}, {}},
+                {"micropolygons", &parallel, micropolygons, {}, {}, {}, {}}};
   for (uint32_t i = 0; i <= o.repeats; ++i) {
     for (Way &way : ways) {
       render(way, size);
@@ -181,6 +196,7 @@ void run(const std::string &path, const Size &size, const Options &o, const Comm
       if (i == 0) {
         way.wall.clear();
         way.cpu.clear();
+        way.finding.clear();
       }
     }
   }
@@ -191,28 +207,32 @@ void run(const std::string &path, const Size &size, const Options &o, const Comm
     const Way &one = ways[k], &several = ways[k + 3];
     const gpurt_statistics &s = one.statistics;
     const gpurt_reyes_counters &c = s.reyes_counters;
-    // Stages are timed by the wall: their shares are applied to the processor's time.
-    const double cpu = median(one.cpu), scale = cpu / s.render_seconds;
-    const double visible = (c.bound_seconds + c.split_seconds + c.dice_seconds + c.sample_seconds) * scale;
+    const double cpu = median(one.cpu);
+    const double visible =
+        (c.bound_seconds + c.split_seconds + c.dice_seconds + c.sample_seconds) * cpu / s.render_seconds;
     const double num = double(c.num_micropolygons);
     std::printf(
         "{\"bench\":\"reyes_cpu\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
         "\"shading_rate\":%g,\"light\":\"%s\",\"micropolygons\":%.0f,\"cpu_ms\":%.2f,"
         "\"visible_mmp_per_s_core\":%.2f,\"frame_mmp_per_s_core\":%.2f,"
         "\"bound_ms\":%.2f,\"split_ms\":%.2f,\"dice_ms\":%.2f,\"sample_ms\":%.2f,\"places_ms\":%.2f,"
-        "\"shade_ms\":%.2f,\"film_ms\":%.2f,\"threads\":%u,\"wall_ms\":%.2f,\"wall_ms_threads\":%.2f,"
-        "\"speedup\":%.3f,\"speedup_of_shortest\":%.3f,\"rays_embree_cpu_ms\":%.2f,\"rays_kdtree_cpu_ms\":%."
+        "\"shade_ms\":%.2f,\"film_ms\":%.2f,\"threads\":%u,\"wall_ms\":%.2f,\"wall_ms_threads\":%.2f,\"cpu_"
+        "ms_threads\":%.2f,"
+        "\"speedup\":%.3f,\"speedup_of_shortest\":%.3f,\"finding_cpu_ms\":%.2f,\"rays_embree_finding_cpu_"
+        "ms\":%.2f,\"finding_times_faster_than_embree\":%.2f,"
+        "\"finding_times_faster_than_kdtree\":%.2f,\"rays_embree_cpu_ms\":%.2f,\"rays_kdtree_cpu_ms\":%."
         "2f,"
         "\"times_faster_than_embree\":%.2f,\"times_faster_than_kdtree\":%.2f}\n",
         properties.name, name.c_str(), size.width, size.height, o.spp, double(o.rate), one.name, num,
         1e3 * median(one.cpu), 1e-6 * num / visible, 1e-6 * num / median(one.cpu), 1e3 * c.bound_seconds,
         1e3 * c.split_seconds, 1e3 * c.dice_seconds, 1e3 * c.sample_seconds, 1e3 * s.generate_seconds,
         1e3 * s.shade_seconds, 1e3 * s.film_seconds, o.threads, 1e3 * median(one.wall),
-        1e3 * median(several.wall), median_ratio(one.wall, several.wall),
+        1e3 * median(several.wall), 1e3 * median(several.cpu), median_ratio(one.wall, several.wall),
         *std::min_element(one.wall.begin(), one.wall.end()) /
             *std::min_element(several.wall.begin(), several.wall.end()),
-        1e3 * median(ways[0].cpu), 1e3 * median(ways[1].cpu), median_ratio(ways[0].cpu, one.cpu),
-        median_ratio(ways[1].cpu, one.cpu));
+        1e3 * median(one.finding), 1e3 * median(ways[0].finding), median_ratio(ways[0].finding, one.finding),
+        median_ratio(ways[1].finding, one.finding), 1e3 * median(ways[0].cpu), 1e3 * median(ways[1].cpu),
+        median_ratio(ways[0].cpu, one.cpu), median_ratio(ways[1].cpu, one.cpu));
   }
   std::fflush(stdout);
 }
