@@ -16,18 +16,19 @@ namespace {
 
 // Paths that are shaded together.
 constexpr uint32_t shaded_paths = 1024;
-// Samples of a bucket at most: they are looked at again and again, and stay in a core's cache.
-constexpr uint64_t bucket_samples = 1u << 16;
+// Samples of a bucket at most: they are looked at again and again, and stay in a core's cache. Larger buckets cut and dice less
+// twice; where surfaces blend, samples take many times the memory.
+constexpr uint64_t bucket_samples = 1u << 16, blended_bucket_samples = 1u << 14;
 // Fragments of surfaces that blend that a thread keeps at a time, where memory lets it.
 constexpr uint64_t most_fragments = 1u << 18;
 // Without a limit of the device, lists of roots may take this much.
 constexpr uint64_t default_list_bytes = uint64_t(1) << 30;
 
-// The edge of the largest bucket of a power of two that holds this many samples a pixel.
-uint32_t bucket_edge_for(uint64_t samples_per_pixel)
+// The edge of the largest bucket of a power of two that has at most so many samples.
+uint32_t bucket_edge_for(uint64_t samples_per_pixel, uint64_t most_samples)
 {
   uint32_t edge = 64;
-  while (edge > 8 && uint64_t(edge) * edge * samples_per_pixel > bucket_samples) edge /= 2;
+  while (edge > 8 && uint64_t(edge) * edge * samples_per_pixel > most_samples) edge /= 2;
   return edge;
 }
 
@@ -146,7 +147,17 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
     film_bytes =
         std::max(film_bytes, TileFilm::bytes_for(uint64_t(u.x1 - u.x0) * (u.y1 - u.y0), pass.outputs));
   }
-  const uint32_t edge = bucket_edge_for(most_samples);
+  uint32_t edge =
+      bucket_edge_for(most_samples, scene.scene.has_blending ? blended_bucket_samples : bucket_samples);
+  // Samples take at most a quarter of what the memory limit leaves, where smaller buckets can do that.
+  if (memory && memory->limit() != 0) {
+    const uint64_t left = memory->limit() - std::min(memory->limit(), memory->used());
+    const auto bytes = [&] {
+      return uint64_t(arena.max_concurrency()) *
+             Scratch::bytes(uint64_t(edge) * edge * most_samples, largest_cells(edge));
+    };
+    while (edge > 8 && bytes() > left / 4) edge /= 2;
+  }
   const uint64_t num_samples = uint64_t(edge) * edge * most_samples, num_cells = largest_cells(edge);
   film_bytes += TileFilm::bytes_for(uint64_t(edge) * edge, pass.outputs);
   uint64_t scratch_bytes =
