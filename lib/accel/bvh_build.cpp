@@ -9,7 +9,7 @@
 #include <algorithm>
 #include <bit>
 
-#include "accel/bvh_reinsert.h"
+#include "accel/bvh_layout.h"
 #include "accel/bvh_split.h"
 #include "accel/tracked_array.h"
 
@@ -91,18 +91,18 @@ class Builder {
     if (count == 0) return tree;
     const BvhExtent extent = measure_in_parallel(references);
     tree.bounds = extent.bounds;
-    tree.frame = frame_ = make_bvh_frame(extent.bounds);
+    tree.frame = make_bvh_frame(extent.bounds);
     root_area_ = half_area(extent.bounds);
     const uint64_t most = std::min(count * bvh_max_references_per_primitive, uint64_t(bvh_max_references));
     const Part root = {extent, 0, source_.boxes != nullptr ? 0 : most - count};
     std::unique_ptr<UpperNode> top = build_upper(std::move(references), root);
-    WholeTree whole = join(*top);
+    BvhBuildTree whole = join(*top);
     top.reset();
     {
       const Reservation reinserting(memory_, whole.nodes.size() * reinsert_bytes_per_node, build_memory);
       reinsert(whole.nodes.data(), whole.nodes.size(), whole.root);
     }
-    lay_out(tree, whole, stats);
+    lay_out_bvh(whole, traversal_cost_, memory_, tree, stats);
     return tree;
   }
 
@@ -111,9 +111,6 @@ class Builder {
   struct Scratch {
     std::vector<std::unique_ptr<KdReference[]>> blocks;
   };
-
-  // Share of the rays that meet a box. One without area, in a scene without one, is met by all or none.
-  double share(const Box &box) const { return root_area_ > 0 ? half_area(box) / root_area_ : 1.0; }
 
   References make_references()
   {
@@ -256,16 +253,10 @@ class Builder {
     }
   }
 
-  // The child with the larger box comes first: where the order does not matter, it is met more often. What the budget
-  // leaves over is shared out in proportion to the references.
-  static void order_children(const Part &part, uint64_t count, BvhExtent extent[2], uint64_t num[2],
-                             Part child[2], bool &is_swapped)
+  // What the budget leaves over is shared out in proportion to the references.
+  static void make_children(const Part &part, uint64_t count, const BvhExtent extent[2],
+                            const uint64_t num[2], Part child[2])
   {
-    is_swapped = half_area(extent[1].bounds) > half_area(extent[0].bounds);
-    if (is_swapped) {
-      std::swap(extent[0], extent[1]);
-      std::swap(num[0], num[1]);
-    }
     const uint64_t used = num[0] + num[1], added = used > count ? used - count : 0;
     const uint64_t spare = part.spare - added;
     const uint64_t first = std::min(spare, uint64_t(double(spare) * (double(num[0]) / double(used))));
@@ -297,12 +288,10 @@ class Builder {
       halve(references.data(), count, part.extent, out, num);
     }
     references.free();
-    BvhExtent extent[2] = {measure_in_parallel(child[0]), measure_in_parallel(child[1])};
-    uint64_t num[2] = {child[0].size(), child[1].size()};
+    const BvhExtent extent[2] = {measure_in_parallel(child[0]), measure_in_parallel(child[1])};
+    const uint64_t num[2] = {child[0].size(), child[1].size()};
     Part child_part[2];
-    bool is_swapped;
-    order_children(part, count, extent, num, child_part, is_swapped);
-    if (is_swapped) std::swap(child[0], child[1]);
+    make_children(part, count, extent, num, child_part);
     for (int s = 0; s < 2; ++s) node->box[s] = extent[s].bounds;
     tbb::parallel_invoke([&] { node->child[0] = build_upper(std::move(child[0]), child_part[0]); },
                          [&] { node->child[1] = build_upper(std::move(child[1]), child_part[1]); });
@@ -385,11 +374,9 @@ class Builder {
     uint64_t num[2] = {0, 0};
     if (split.kind != BvhSplitKind::None) partition(references, count, split, side, num);
     if (num[0] == 0 || num[1] == 0) halve(references, count, part.extent, side, num);
-    BvhExtent extent[2] = {measure(side[0], num[0]), measure(side[1], num[1])};
+    const BvhExtent extent[2] = {measure(side[0], num[0]), measure(side[1], num[1])};
     Part child[2];
-    bool is_swapped;
-    order_children(part, count, extent, num, child, is_swapped);
-    if (is_swapped) std::swap(side[0], side[1]);
+    make_children(part, count, extent, num, child);
     const uint32_t slot = uint32_t(out.nodes.size());
     out.nodes.emplace_back();
     const uint32_t first = build_node(out, side[0], num[0], child[0], scratch, level + 1);
@@ -416,16 +403,10 @@ class Builder {
     uint64_t num_nodes = 0, num_references = 0;
   };
 
-  struct WholeTree {
-    uint32_t root = bvh_empty;
-    TrackedArray<BvhBuildNode> nodes;
-    TrackedArray<uint32_t> references;
-  };
-
-  WholeTree join(UpperNode &top) const
+  BvhBuildTree join(UpperNode &top) const
   {
     Layout layout;
-    WholeTree whole;
+    BvhBuildTree whole;
     whole.root = place(top, layout);
     whole.nodes = TrackedArray<BvhBuildNode>(memory_, layout.num_nodes, build_memory);
     whole.references = TrackedArray<uint32_t>(memory_, layout.num_references, build_memory);
@@ -461,58 +442,9 @@ class Builder {
     return uint32_t(slot);
   }
 
-  // ---- The final tree: depth first, the child with the larger box before the other, boxes rounded.
-
-  void lay_out(HostBvh &tree, WholeTree &whole, BvhBuildStats &stats)
-  {
-    const uint64_t num_nodes = whole.nodes.size(), num_references = whole.references.size();
-    const Reservation final_arrays(memory_, num_nodes * sizeof(BvhNode) + num_references * sizeof(uint32_t),
-                                   build_memory);
-    TrackedArray<uint32_t> order(memory_, num_nodes, build_memory);
-    tree.references.reserve(num_references);
-    // What is left to be laid out, and the child's word to be told where it lies.
-    struct Todo {
-      uint32_t word;
-      uint32_t depth;
-      double share;
-      uint32_t *parent;
-    };
-    std::vector<Todo> todo = {{whole.root, 0, share(tree.bounds), &tree.root}};
-    uint32_t num_placed = 0;
-    while (!todo.empty()) {
-      const Todo next = todo.back();
-      todo.pop_back();
-      stats.depth = std::max(stats.depth, next.depth);
-      if (is_bvh_leaf(next.word)) {
-        const uint32_t first = uint32_t(tree.references.size()), count = leaf_size(next.word);
-        const uint32_t *leaf = whole.references.data() + leaf_first(next.word);
-        tree.references.insert(tree.references.end(), leaf, leaf + count);
-        *next.parent = bvh_leaf(first, count);
-        stats.sah_cost += next.share * double(count);
-        continue;
-      }
-      BvhBuildNode &node = whole.nodes[next.word];
-      if (half_area(node.box[1]) > half_area(node.box[0])) {
-        std::swap(node.box[0], node.box[1]);
-        std::swap(node.child[0], node.child[1]);
-      }
-      *next.parent = num_placed;
-      order[num_placed++] = next.word;
-      stats.sah_cost += next.share * traversal_cost_;
-      for (int s = 1; s >= 0; --s)
-        todo.push_back({node.child[s], next.depth + 1, share(node.box[s]), &node.child[s]});
-    }
-    tree.nodes.resize(num_nodes);
-    tbb::parallel_for(uint64_t(0), num_nodes, [&](uint64_t i) {
-      const BvhBuildNode &node = whole.nodes[order[i]];
-      tree.nodes[i] = make_bvh_node(node.box[0], node.child[0], node.box[1], node.child[1], frame_);
-    });
-  }
-
   const KdSource &source_;
   const std::shared_ptr<MemoryTracker> &memory_;
   const double traversal_cost_;
-  BvhFrame frame_{};
   double root_area_ = 0;
   tbb::enumerable_thread_specific<Scratch> scratch_;
 };
