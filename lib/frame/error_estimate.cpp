@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "error.h"
+#include "scene/emission_table.h"
 
 namespace gpurt {
 
@@ -61,11 +62,63 @@ float median9(std::array<float, 9> v)
   return std::max(std::min(v[6], v[4]), std::min(std::max(v[6], v[4]), v[2]));
 }
 
+// How many pixels of a frame go together: see estimate_relmse.
+class BlotchArea {
+ public:
+  BlotchArea(uint32_t width, uint32_t height)
+  {
+    // Of fewer than 16 squares the variance says little.
+    for (uint32_t size = 2; 4 * size <= std::min(width, height); size *= 2)
+      levels_.push_back({size, std::vector<Vec3d>(width / size + 1, Vec3d{}), 0});
+  }
+  /// Pixels come row by row; `deviation` is half of the difference of the halves, over the root of the denominator.
+  void add(uint32_t x, int channel, double deviation)
+  {
+    if (!std::isfinite(deviation)) return;
+    sum2_ += deviation * deviation;
+    for (Level &level : levels_) level.row[x / level.size][channel] += deviation;
+  }
+  void end_row(uint32_t y)
+  {
+    for (Level &level : levels_) {
+      if ((y + 1) % level.size == 0) level.end_squares();
+    }
+  }
+  double finish()
+  {
+    double area = 1;
+    for (Level &level : levels_) {
+      level.end_squares();
+      if (sum2_ > 0) area = std::max(area, level.sum2 / sum2_);
+    }
+    return area;
+  }
+
+ private:
+  using Vec3d = std::array<double, 3>;
+  struct Level {
+    uint32_t size;
+    std::vector<Vec3d> row;  // of squares
+    double sum2;
+
+    void end_squares()
+    {
+      for (Vec3d &square : row) {
+        for (const double sum : square) sum2 += sum * sum;
+        square = {};
+      }
+    }
+  };
+  std::vector<Level> levels_;
+  double sum2_ = 0;
+};
+
 }  // namespace
 
 ErrorEstimate estimate_relmse(uint32_t width, uint32_t height, double num_samples, double unseen_radiance,
-                              const MomentSource &moments)
+                              const MomentSource &moments, const PhotonDoubt *photons)
 {
+  BlotchArea blotches(photons ? width : 0, photons ? height : 0);
   RowWindow window(width, height, moments);
   double sum = 0, sum2 = 0, inverse_sum = 0, bias_sum = 0, bias_sum2 = 0;
   for (uint32_t y = 0; y < height; ++y) {
@@ -82,8 +135,12 @@ ErrorEstimate estimate_relmse(uint32_t width, uint32_t height, double num_sample
           means[3 * row + 2] = rows[row][right].mean[c];
         }
         const double move = max_move * std::sqrt(double(pixel.variance[c]));
-        const double mean = std::clamp(double(median9(means)), pixel.mean[c] - move, pixel.mean[c] + move);
+        double mean = std::clamp(double(median9(means)), pixel.mean[c] - move, pixel.mean[c] + move);
+        const double deviation = std::sqrt(double(pixel.variance[c]));
+        if (photons) mean = std::clamp(double(pixel.mean[c]) - deviation, 0.0, std::max(mean, 0.0));
         const double inverse = 1 / (mean * mean + relmse_floor);
+        if (photons)
+          blotches.add(x, c, (pixel.is_first_larger[c] ? deviation : -deviation) * std::sqrt(inverse));
         error += double(pixel.variance[c]) * inverse;
         bias += double(pixel.bias2[c]) * inverse;
         if (pixel.is_covered) inverse_sum += inverse;
@@ -93,16 +150,33 @@ ErrorEstimate estimate_relmse(uint32_t width, uint32_t height, double num_sample
       bias_sum += bias;
       bias_sum2 += bias * bias;
     }
+    if (photons) blotches.end_row(y);
   }
   const double num_pixels = double(width) * height;
   if (!(sum < infinity)) return {infinity, 0};
 
-  const double seen = sum > 0 ? (sum + num_sigmas * std::sqrt(sum2)) / (3 * num_pixels) : 0;
+  const double area = photons ? blotches.finish() : 1;
+  const double seen = sum > 0 ? (sum + num_sigmas * std::sqrt(area * sum2)) / (3 * num_pixels) : 0;
   // Variance of a mean of num_samples: p X^2 / num_samples, p = 3 / (num_pixels num_samples).
-  const double unseen = rule_of_three * unseen_radiance * unseen_radiance /
-                        (num_pixels * num_samples * num_samples) * inverse_sum / (3 * num_pixels);
+  double unseen2 = unseen_radiance * unseen_radiance;
+  if (photons) {
+    const double lit = photons->num_gathered > 0 ? area : num_pixels;
+    unseen2 += lit * photons->photon_radiance * photons->photon_radiance;
+  }
+  const double unseen =
+      rule_of_three * unseen2 / (num_pixels * num_samples * num_samples) * inverse_sum / (3 * num_pixels);
   const double bias = (bias_sum + num_sigmas * std::sqrt(bias_sum2)) / (3 * num_pixels);
   return {seen + (num_samples > 0 ? unseen : 0), bias < infinity ? std::max(bias, 0.0) : infinity};
+}
+
+double photon_radiance(const CompiledScene &scene, const PhotonSettings &settings, double radius)
+{
+  if (settings.photons_per_pass == 0 || !(radius > 0)) return 0;
+  const double power = double(make_emission_table(scene).view().total_weight);
+  const double norm = settings.kernel == PhotonKernel::Cone ? 3 : 1;  // as of make_photon_pass
+  const double radiance =
+      norm * power / (double(settings.photons_per_pass) * double(pi) * double(pi) * radius * radius);
+  return std::isfinite(radiance) ? radiance : 0;
 }
 
 double unseen_radiance(const CompiledScene &scene)

@@ -12,13 +12,20 @@ namespace gpurt {
 /// What the estimate needs of a pixel.
 struct PixelMoments {
   float mean[3];
-  float variance[3];  // of the mean, from the two halves
-  float bias2[3];     // squared, estimated without bias: it may be negative
-  bool is_covered;    // some eye ray hit something: light not yet seen may still arrive
+  float variance[3];        // of the mean, from the two halves
+  bool is_first_larger[3];  // the mean of even samples is above that of odd ones
+  float bias2[3];           // squared, estimated without bias: it may be negative
+  bool is_covered;          // some eye ray hit something: light not yet seen may still arrive
 };
 
 /// Fills rows [y0, y1) of the frame.
 using MomentSource = std::function<void(uint32_t y0, uint32_t y1, PixelMoments *rows)>;
+
+/// What photons add to the doubt: one of them lights all pixels whose gathers reach it.
+struct PhotonDoubt {
+  double photon_radiance;  // what one adds to a pixel that finds it in one of its samples, at most
+  double num_gathered;     // by all gathers
+};
 
 /// What a frame is off by: both are relMSE, and add up.
 struct ErrorEstimate {
@@ -44,8 +51,21 @@ struct ErrorEstimate {
 /// Differs: the usual dilation (neighbours take part in the numerator) is 30 times too high where noisy bright pixels
 /// lie beside dark ones; the neighbourhood in the denominator meets the same failure without that.
 /// The mean of the bias has the same denominators and the same two standard deviations; it is not below 0.
+///
+/// Photons, where `photons` is given, make blotches: pixels of a neighbourhood are right or wrong together.
+///  - Such a neighbourhood is its own witness: the median does not tell a blotch wider than 3 x 3 pixels. But one of the
+///    halves has not seen its photon, so in the denominator the mean is moved down to that of the darker half at least.
+///  - A photon that counts in A pixels is one contribution, not A: the squared standard deviation of the sum is A times
+///    that of independent pixels. A is the largest, over squares of 2, 4, 8 ... pixels, of the variance of their sums
+///    over the sum of their pixels' variances: 1 for independent pixels, and the area of blotches narrower than the
+///    squares, however many lie on each other.
+///  - Of photons that no gather has found yet, three more may come with 95 % confidence, each of which lights A pixels;
+///    every pixel, where none was found, since then nothing is known of A.
 ErrorEstimate estimate_relmse(uint32_t width, uint32_t height, double num_samples, double unseen_radiance,
-                              const MomentSource &moments);
+                              const MomentSource &moments, const PhotonDoubt *photons = nullptr);
+
+/// PhotonDoubt::photon_radiance: of a photon of the last pass, found by a white surface.
+double photon_radiance(const CompiledScene &scene, const PhotonSettings &settings, double radius);
 
 /// `unseen_radiance` of a scene: all its lamps at once, as a diffuse surface shows them at an eighth of the diagonal of
 /// the scene; a lamp's own radiance where that is less.

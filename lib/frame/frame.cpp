@@ -394,9 +394,13 @@ Frame::Error Frame::estimated_error() const
   const std::scoped_lock lock(estimate_mutex_);
   uint64_t generation, num_samples;
   gpurt_pipeline pipeline;
+  PhotonSettings photon;
+  PhotonCounters photon_counters;
   {
     const std::scoped_lock totals_lock(totals_mutex_);
     pipeline = state_.totals.pipeline;
+    photon = state_.totals.photon;
+    photon_counters = state_.totals.counters.photon;
     generation = generation_;
     num_samples = state_.totals.counters.num_samples;
   }
@@ -412,11 +416,16 @@ Frame::Error Frame::estimated_error() const
   };
   const uint32_t width = state_.settings.width, height = state_.settings.height;
   const double mean_samples = double(num_samples) / (double(width) * height);
-  const ErrorEstimate estimate =
-      estimate_relmse(width, height, mean_samples, unseen_radiance(*scene_.compiled), moments);
+  const bool has_bias = pipeline == GPURT_PIPELINE_PHOTON;
+  PhotonDoubt photons{};
+  if (has_bias) {
+    photons = {photon_radiance(*scene_.compiled, photon, photon_counters.smallest_radius),
+               double(photon_counters.num_gathered)};
+  }
+  const ErrorEstimate estimate = estimate_relmse(
+      width, height, mean_samples, unseen_radiance(*scene_.compiled), moments, has_bias ? &photons : nullptr);
   estimate_ = {};
   if (is_known) {
-    const bool has_bias = pipeline == GPURT_PIPELINE_PHOTON;
     estimate_ = {estimate.noise, !has_bias ? 0 : has_errors ? estimate.bias : -1};
   }
   estimate_generation_ = generation;

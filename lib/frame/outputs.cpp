@@ -137,9 +137,11 @@ bool moments_of(const SumRow &row, uint32_t x, PixelMoments &out)
     out.mean[c] = count > 0 ? float(color_of(row, x, c)) : 0.0f;
     out.variance[c] = std::numeric_limits<float>::infinity();
     out.bias2[c] = 0;
+    out.is_first_larger[c] = false;
     if (!is_known) continue;
     // With s^2 the variance of one sample, E (a - b)^2 = s^2 (1/na + 1/nb), and that of the mean of all is s^2 / n.
     const double difference = color_of_half(row, x, 0, c) - color_of_half(row, x, 1, c);
+    out.is_first_larger[c] = difference > 0;
     out.variance[c] = float(difference * difference * (a_count / count) * (b_count / count));
     if (row.errors == nullptr) continue;
     // The halves' noise is independent: that of one does not raise the expectation of the product.

@@ -12,7 +12,8 @@ namespace gpurt {
 PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const PhotonSettings &made_with,
                                        uint64_t num_pixels);
 
-/// The radius that follows from a pilot: where photons are dense, about ten of a pass lie within it.
+/// The radius that follows from a pilot: where photons are dense, about ten of a pass lie within it, as long as its discs
+/// are small in the picture.
 float choose_initial_radius(const CommittedScene &scene, const PathSettings &path,
                             const EmissionView &emission, uint32_t photons_per_pass);
 

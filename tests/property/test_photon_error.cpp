@@ -196,6 +196,92 @@ TEST_P(PhotonError, DoesNotTakeRimsForBlur)
   EXPECT_LT(mean(error), 0.5);
 }
 
+// The corner of two walls that reflect all light, on a plain that does, under a sky of radiance 1: radiance is 1 everywhere.
+// Photons leave through the disc around the plain, so that one in thousands comes near what the camera sees.
+Scene make_corner_under_sky(gpurt_device device)
+{
+  Scene scene;
+  GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
+  const uint32_t white = add_material(scene, GPURT_MATERIAL_LAMBERT, {1, 1, 1});
+  Mesh m = quad({-30, -30, -1}, {30, -30, -1}, {30, 30, -1}, {-30, 30, -1});
+  m.append(quad({-1, -1, -1}, {-1, 1, -1}, {-1, 1, 1}, {-1, -1, 1}));
+  m.append(quad({-1, -1, -1}, {1, -1, -1}, {1, -1, 1}, {-1, -1, 1}));
+  add_mesh(scene, m, white);
+  set_environment(scene, 1);
+  add_camera(scene, {0.5f, 0.5f, 3}, 2 * std::atan(0.4f));
+  commit(scene, GPURT_ACCEL_BVH);
+  return scene;
+}
+
+double relmse_of_ones(const std::vector<float> &color)
+{
+  double sum = 0;
+  for (const float x : color) sum += (double(x) - 1) * (double(x) - 1) / 1.01;
+  return sum / double(color.size());
+}
+
+TEST_P(PhotonError, CountsOnPhotonsThatHaveNotCome)
+{
+  const Scene scene = make_corner_under_sky(device_for());
+  Work o;
+  o.max_depth = 200;
+  double least = 1e30;
+  std::vector<double> ratios;
+  for (const uint32_t photons : {64u, 1024u, 16384u}) {
+    for (const float radius : {0.1f, 0.4f}) {
+      o.photon.photons_per_pass = photons;
+      o.photon.initial_radius = radius;
+      o.spp = 32;
+      const Frame frame = frame_of(scene, o);
+      ASSERT_EQ(submit(frame, o), GPURT_OK) << gpurt_last_error();
+      const double made = relmse_of_ones(read(frame, o, GPURT_OUTPUT_COLOR));
+      const gpurt_statistics s = statistics(frame);
+      std::printf("%5u photons, radius %.1f, %6llu gathered: relMSE %.3g, stated %.3g\n", photons,
+                  double(radius), static_cast<unsigned long long>(s.photon_counters.num_gathered), made,
+                  s.estimated_error);
+      ratios.push_back(s.estimated_error / made);
+      least = std::min(least, ratios.back());
+    }
+  }
+  EXPECT_GT(least, 0.8);
+  // Where photons are many the estimate is one, and not a wild guess.
+  EXPECT_LT(ratios.back(), 12);
+}
+
+// No photon at all: what one would add to every pixel.
+TEST_P(PhotonError, DoesNotTakeDarknessForCertain)
+{
+  const Scene scene = make_corner_under_sky(device_for());
+  Work o;
+  o.spp = 2;
+  o.max_depth = 200;
+  o.photon.photons_per_pass = 4;
+  o.photon.initial_radius = 0.01f;
+  const Frame frame = frame_of(scene, o);
+  ASSERT_EQ(submit(frame, o), GPURT_OK) << gpurt_last_error();
+  const gpurt_statistics s = statistics(frame);
+  ASSERT_EQ(s.photon_counters.num_gathered, 0u);
+  // Three of 8, each of the flux pi^2 R^2 / 4 on pi r^2, in one of two samples of each pixel; radiance is below 1.
+  const double r = s.photon_counters.smallest_radius, photon = 60.0 * 60.0 / 2 / (4 * r * r);
+  EXPECT_GT(s.estimated_error, 3 * photon * photon / 4 / 1.01 * 0.9);
+}
+
+// Discs of 1/24 of the picture at most, however few photons come.
+TEST_P(PhotonError, ChoosesDiscsThatAreSmallInThePicture)
+{
+  const Scene scene = make_corner_under_sky(device_for());
+  Work o;
+  o.spp = 1;
+  o.width = 64;
+  o.outputs = 0;
+  const Frame frame = frame_of(scene, o);
+  ASSERT_EQ(submit(frame, o), GPURT_OK) << gpurt_last_error();
+  // 3.2 of the floor across 16 points.
+  const float radius = statistics(frame).photon.initial_radius;
+  EXPECT_GT(radius, 0.01f);
+  EXPECT_LE(radius, 3.2f / 16 / 3 * 1.001f);
+}
+
 TEST_P(PhotonError, StopsByNoiseAndBiasTogether)
 {
   const Scene scene = SmoothSpot().make(device_for());

@@ -1,6 +1,9 @@
 // The error estimate against the error that is really there, for noise of known mean.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cstdio>
+
 #include "frame/error_estimate.h"
 #include "test_frame_fake.h"
 
@@ -94,6 +97,68 @@ TEST_P(RarePath, ReachedErrorIsAtMostTwiceTheRequestedOne)
 INSTANTIATE_TEST_SUITE_P(Rooms, RarePath,
                          testing::Values(std::tuple(0.02, 0.3), std::tuple(0.002, 0.3),
                                          std::tuple(2e-4, 0.05), std::tuple(1e-5, 0.01)));
+
+// Light of 0.1 on which blotches of 16 x 16 pixels come, as many in all: few leave most pixels without any.
+class Blotches : public testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(OfPhotons, Blotches, testing::Values(12.0, 300.0));
+
+TEST_P(Blotches, AreNoWitnessesOfEachOther)
+{
+  const double expected = GetParam(), blotch = 36 / expected;
+  constexpr uint32_t width = 128, height = 128, size = 16;
+  constexpr double base = 0.1;
+  constexpr uint32_t num_trials = 2048;  // enough for Poisson's distribution
+  const double share = expected * size * size / (double(width + size) * (height + size));
+  const double truth = base + share * blotch;
+  double least = 1e30, least_apart = 1e30, mean_ratio = 0;
+  constexpr uint64_t num_seeds = 40;
+  for (uint64_t seed = 0; seed < num_seeds; ++seed) {
+    std::vector<PixelMoments> pixels(size_t(width) * height);
+    std::vector<double> halves[2];
+    for (auto &half : halves) half.assign(pixels.size(), base);
+    for (uint32_t k = 0; k < num_trials; ++k) {
+      if (uniform(seed, k, 0, 0) >= expected / num_trials) continue;
+      const int x0 = int(uniform(seed, k, 1, 0) * (width + size)) - int(size);
+      const int y0 = int(uniform(seed, k, 2, 0) * (height + size)) - int(size);
+      for (int y = std::max(y0, 0); y < std::min(y0 + int(size), int(height)); ++y) {
+        for (int x = std::max(x0, 0); x < std::min(x0 + int(size), int(width)); ++x)
+          halves[k & 1][size_t(y) * width + size_t(x)] += 2 * blotch;
+      }
+    }
+    double made = 0;
+    for (size_t i = 0; i < pixels.size(); ++i) {
+      const double a = halves[0][i], b = halves[1][i], mean = (a + b) / 2;
+      PixelMoments &p = pixels[i];
+      p = {};
+      p.is_covered = true;
+      for (int c = 0; c < 3; ++c) {
+        p.mean[c] = float(mean);
+        p.variance[c] = float((a - b) * (a - b) / 4);
+        p.is_first_larger[c] = a > b;
+      }
+      made += (mean - truth) * (mean - truth) / (truth * truth + 0.01);
+    }
+    made /= double(pixels.size());
+    const MomentSource source = [&](uint32_t y0, uint32_t y1, PixelMoments *rows) {
+      std::copy_n(pixels.begin() + std::ptrdiff_t(y0) * width, size_t(y1 - y0) * width, rows);
+    };
+    const PhotonDoubt photons{2 * blotch, 1};
+    const double stated = estimate_relmse(width, height, 2, 0, source, &photons).noise;
+    least = std::min(least, stated / made);
+    mean_ratio += stated / made / double(num_seeds);
+    least_apart = std::min(least_apart, estimate_relmse(width, height, 2, 0, source).noise / made);
+  }
+  RecordProperty("least", std::to_string(least));
+  RecordProperty("mean", std::to_string(mean_ratio));
+  std::printf("stated over true: at least %.2f, on average %.2f; as if pixels were independent, %.2f\n",
+              least, mean_ratio, least_apart);
+  // Overrated on purpose: how much of the light they are is known from them alone.
+  EXPECT_GT(least, 1);
+  EXPECT_LT(mean_ratio, expected < 100 ? 40 : 16);
+  if (expected < 100) {
+    EXPECT_LT(least_apart, 0.5);
+  }
+}
 
 TEST(ErrorEstimate, UnseenRadianceOfLamps)
 {
