@@ -202,6 +202,58 @@ TEST_P(ReyesShading, GoesOnAndCounts)
   EXPECT_GE(s.reyes_counters.num_shaded, micropolygons.reyes_counters.num_shaded / 4);
 }
 
+// A white texture changes no bit: CPU devices shade surfaces that have one point by point, others eight points at a time.
+TEST_P(ReyesShading, IsThatOfAWhiteTexture)
+{
+  const Device device = make_device(GetParam(), 1);
+  std::vector<float> plain[4];
+  for (const bool has_texture : {false, true}) {
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+    const float white[4] = {1, 1, 1, 1};
+    gpurt_texture_desc texture = GPURT_TEXTURE_DESC_INIT;
+    texture.format = GPURT_TEXTURE_RGBA32F;
+    texture.width = texture.height = 1;
+    texture.filter = GPURT_FILTER_NEAREST;
+    texture.texels = white;
+    uint32_t white_id = 0;
+    GPURT_ASSERT_OK(gpurt_scene_add_texture(scene, &texture, &white_id));
+    const std::vector<PatchNet> nets = closed_patches(2, 0.2, 9);
+    for (const gpurt_material_type type : {GPURT_MATERIAL_LAMBERT, GPURT_MATERIAL_METAL}) {
+      gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
+      desc.type = type;
+      desc.roughness = 0.4f;
+      desc.base_color[0] = 0.9f;
+      desc.base_color[1] = 0.3f;
+      desc.base_color_texture = has_texture ? white_id : 0;
+      uint32_t material = 0;
+      GPURT_ASSERT_OK(gpurt_scene_add_material(scene, &desc, &material));
+      add_patches(
+          scene, nets, material,
+          {{0.5f, 0, 0, type == GPURT_MATERIAL_METAL ? 0.6f : -0.6f, 0, -0.5f, 0, 0.2f, 0, 0, 0.5f, 0.4f}});
+    }
+    add_light(scene, GPURT_LIGHT_POINT, 20);
+    add_light(scene, GPURT_LIGHT_SPOT, 9);
+    add_light(scene, GPURT_LIGHT_DISTANT, 0.5f);
+    add_camera(scene, {0.3f, 0.1f, 3}, 1.0f);
+    coarse_commit(scene);
+    int at = 0;
+    for (const gpurt_reyes_shading shading :
+         {GPURT_REYES_SHADING_MICROPOLYGONS, GPURT_REYES_SHADING_BLOCKS}) {
+      for (const float rate : {0.25f, 4.0f}) {
+        RenderOptions o = shading_options(shading, 72, 9);
+        o.reyes.shading_rate = rate;
+        const Frame frame = make_frame(scene, o, kept_outputs);
+        render(frame, o);
+        const std::vector<float> color = read_color(frame, o);
+        if (!has_texture) plain[at] = color;
+        else EXPECT_EQ(std::memcmp(plain[at].data(), color.data(), color.size() * sizeof(float)), 0);
+        ++at;
+      }
+    }
+  }
+}
+
 TEST_P(ReyesShading, RefusesWhatItCannotLight)
 {
   const Device device = make_device(GetParam());
