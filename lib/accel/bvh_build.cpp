@@ -2,27 +2,24 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
-#include <tbb/parallel_for.h>
 #include <tbb/parallel_invoke.h>
 #include <tbb/parallel_reduce.h>
 
 #include <algorithm>
 #include <bit>
 
+#include "accel/build_references.h"
 #include "accel/bvh_layout.h"
 #include "accel/bvh_split.h"
-#include "accel/tracked_array.h"
 
 namespace gpurt {
 namespace {
 
-using References = TrackedArray<KdReference>;
 constexpr const char *build_memory = "building the bvh";
 
 // Nodes with more references than this are split by several threads, those with fewer by one task each. The nodes' order
 // depends on it, and on nothing that differs between machines.
 constexpr uint64_t task_size = 4096;
-constexpr uint64_t partition_grain = 16384;
 
 // Of a step, in tests of a primitive. A step costs about as much as a triangle test; the optimum is flat. A placement
 // costs a transform and a traversal of its own: far more.
@@ -85,7 +82,12 @@ class Builder {
 
   HostBvh build(BvhBuildStats &stats)
   {
-    References references = make_references();
+    if (source_.count > bvh_max_references) {
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "a bvh can refer to {} primitives, not {}; split the geometry or use the kdtree accelerator",
+           bvh_max_references, source_.count);
+    }
+    References references = make_references(source_, memory_, build_memory);
     HostBvh tree;
     const uint64_t count = references.size();
     if (count == 0) return tree;
@@ -111,45 +113,6 @@ class Builder {
   struct Scratch {
     std::vector<std::unique_ptr<KdReference[]>> blocks;
   };
-
-  References make_references()
-  {
-    if (source_.count > bvh_max_references) {
-      fail(GPURT_ERROR_UNSUPPORTED,
-           "a bvh can refer to {} primitives, not {}; split the geometry or use the kdtree accelerator",
-           bvh_max_references, source_.count);
-    }
-    const uint64_t num_chunks = (source_.count + partition_grain - 1) / partition_grain;
-    std::vector<uint64_t> first(num_chunks + 1, 0);
-    References all(memory_, source_.count, build_memory);
-    // Kept ones move to the front of their chunk, then chunks close up.
-    tbb::parallel_for(uint64_t(0), num_chunks, [&](uint64_t chunk) {
-      const uint64_t begin = chunk * partition_grain, end = std::min(begin + partition_grain, source_.count);
-      uint64_t kept = begin;
-      for (uint64_t i = begin; i < end; ++i) {
-        Box box;
-        if (source_.boxes != nullptr) {
-          box = source_.boxes[i];
-          if (is_empty(box)) continue;
-        } else {
-          const UInt3 c = source_.indices[i];
-          const Vec3f p0 = source_.positions[c.x], p1 = source_.positions[c.y], p2 = source_.positions[c.z];
-          if (is_degenerate(p0, p1, p2)) continue;
-          box = {min(p0, min(p1, p2)), max(p0, max(p1, p2))};
-        }
-        all[kept++] = {box.lo, uint32_t(i), box.hi, 0};
-      }
-      first[chunk + 1] = kept - begin;
-    });
-    for (uint64_t c = 0; c < num_chunks; ++c) first[c + 1] += first[c];
-    const uint64_t count = num_chunks == 0 ? 0 : first[num_chunks];
-    if (count == source_.count) return all;
-    References closed(memory_, count, build_memory);
-    for (uint64_t c = 0; c < num_chunks; ++c) {
-      std::copy_n(all.data() + c * partition_grain, first[c + 1] - first[c], closed.data() + first[c]);
-    }
-    return closed;
-  }
 
   // Halving by number alone still reaches single references from here, and depth does not allow more.
   static bool must_halve(uint64_t count, uint32_t depth)
@@ -276,7 +239,15 @@ class Builder {
     }
     const BvhSplit split = choose_split(references.data(), count, part);
     References child[2];
-    if (split.kind != BvhSplitKind::None) partition_in_parallel(references, split, child);
+    if (split.kind != BvhSplitKind::None) {
+      partition_in_parallel(
+          references, memory_, build_memory,
+          [&](const KdReference *r, uint64_t n, uint64_t num[2]) { count_sides(r, n, split, num); },
+          [&](const KdReference *r, uint64_t n, KdReference *out[2], uint64_t num[2]) {
+            partition(r, n, split, out, num);
+          },
+          child);
+    }
     if (child[0].size() == 0 || child[1].size() == 0) {
       KdReference *out[2];
       uint64_t num[2];
@@ -296,44 +267,6 @@ class Builder {
     tbb::parallel_invoke([&] { node->child[0] = build_upper(std::move(child[0]), child_part[0]); },
                          [&] { node->child[1] = build_upper(std::move(child[1]), child_part[1]); });
     return node;
-  }
-
-  void partition_in_parallel(const References &references, const BvhSplit &split, References child[2])
-  {
-    const uint64_t count = references.size();
-    const uint64_t num_chunks = (count + partition_grain - 1) / partition_grain;
-    struct Chunk {
-      References side[2];
-      uint64_t num[2];
-      uint64_t first[2];
-    };
-    std::vector<Chunk> chunks(num_chunks);
-    tbb::parallel_for(uint64_t(0), num_chunks, [&](uint64_t c) {
-      const uint64_t begin = c * partition_grain, end = std::min(begin + partition_grain, count);
-      uint64_t num[2];
-      count_sides(references.data() + begin, end - begin, split, num);
-      Chunk &chunk = chunks[c];
-      KdReference *out[2];
-      for (int s = 0; s < 2; ++s) {
-        chunk.side[s] = References(memory_, num[s], build_memory);
-        out[s] = chunk.side[s].data();
-      }
-      partition(references.data() + begin, end - begin, split, out, chunk.num);
-    });
-    uint64_t total[2] = {0, 0};
-    for (Chunk &chunk : chunks) {
-      for (int s = 0; s < 2; ++s) {
-        chunk.first[s] = total[s];
-        total[s] += chunk.num[s];
-      }
-    }
-    for (int s = 0; s < 2; ++s) child[s] = References(memory_, total[s], build_memory);
-    tbb::parallel_for(uint64_t(0), num_chunks, [&](uint64_t c) {
-      for (int s = 0; s < 2; ++s) {
-        std::copy_n(chunks[c].side[s].data(), chunks[c].num[s], child[s].data() + chunks[c].first[s]);
-        chunks[c].side[s].free();
-      }
-    });
   }
 
   // ---- Small nodes: one thread, depth first.

@@ -9,21 +9,19 @@
 #include <bit>
 #include <cmath>
 
+#include "accel/build_references.h"
 #include "accel/isa.h"
 #include "accel/kd_split.h"
-#include "accel/tracked_array.h"
 #include "core/accel/clipped_triangle.h"
 
 namespace gpurt {
 namespace {
 
-using References = TrackedArray<KdReference>;
 constexpr const char *build_memory = "building the kd-tree";
 
 // Cells with more references than this are split by several threads, those with fewer by one task each. The nodes'
 // order depends on it, and on nothing that differs between machines.
 constexpr uint64_t task_size = 4096;
-constexpr uint64_t partition_grain = 16384;
 
 // A cell to be built.
 struct Cell {
@@ -87,7 +85,14 @@ class Builder {
 
   HostKdTree build(KdBuildStats &stats)
   {
-    References references = make_references();
+    if (source_.count > 0x3fffffffu) {
+      fail(GPURT_ERROR_UNSUPPORTED, "a kd-tree can refer to 2^30 - 1 primitives, not {}; split the geometry",
+           source_.count);
+    }
+    References references = make_references(source_, memory_, build_memory);
+    bounds_ = empty_box();
+    for (uint64_t i = 0; i < references.size(); ++i)
+      bounds_ = extend(bounds_, Box{references[i].lo, references[i].hi});
     HostKdTree tree;
     tree.bounds = bounds_;
     tree.num_triangles = source_.count;
@@ -117,48 +122,6 @@ class Builder {
   }
   // Share of the rays that meet a cell. A cell without area, in a scene without one, is met by all or none.
   double share(const Box &box) const { return root_area_ > 0 ? area(box) / root_area_ : 1.0; }
-
-  References make_references()
-  {
-    if (source_.count > 0x3fffffffu) {
-      fail(GPURT_ERROR_UNSUPPORTED, "a kd-tree can refer to 2^30 - 1 primitives, not {}; split the geometry",
-           source_.count);
-    }
-    const uint64_t num_chunks = (source_.count + partition_grain - 1) / partition_grain;
-    std::vector<uint64_t> first(num_chunks + 1, 0);
-    References all(memory_, source_.count, build_memory);
-    // Kept ones move to the front of their chunk, then chunks close up.
-    tbb::parallel_for(uint64_t(0), num_chunks, [&](uint64_t chunk) {
-      const uint64_t begin = chunk * partition_grain, end = std::min(begin + partition_grain, source_.count);
-      uint64_t kept = begin;
-      for (uint64_t i = begin; i < end; ++i) {
-        Box box;
-        if (source_.boxes != nullptr) {
-          box = source_.boxes[i];
-          if (is_empty(box)) continue;
-        } else {
-          const UInt3 c = source_.indices[i];
-          const Vec3f p0 = source_.positions[c.x], p1 = source_.positions[c.y], p2 = source_.positions[c.z];
-          if (is_degenerate(p0, p1, p2)) continue;
-          box = {min(p0, min(p1, p2)), max(p0, max(p1, p2))};
-        }
-        all[kept++] = {box.lo, uint32_t(i), box.hi, 0};
-      }
-      first[chunk + 1] = kept - begin;
-    });
-    for (uint64_t c = 0; c < num_chunks; ++c) first[c + 1] += first[c];
-    const uint64_t count = num_chunks == 0 ? 0 : first[num_chunks];
-    bounds_ = empty_box();
-    if (count != source_.count) {
-      References closed(memory_, count, build_memory);
-      for (uint64_t c = 0; c < num_chunks; ++c) {
-        std::copy_n(all.data() + c * partition_grain, first[c + 1] - first[c], closed.data() + first[c]);
-      }
-      all = std::move(closed);
-    }
-    for (uint64_t i = 0; i < count; ++i) bounds_ = extend(bounds_, Box{all[i].lo, all[i].hi});
-    return all;
-  }
 
   KdSplit choose_split(const KdReference *references, uint64_t count, const Cell &cell,
                        KdSplitScratch &scratch) const
@@ -259,7 +222,13 @@ class Builder {
     }
     node->cost = share(cell.box) * cost_.traversal_cost;
     References child[2];
-    partition_in_parallel(references, cell.box, node->split, child);
+    partition_in_parallel(
+        references, memory_, build_memory,
+        [&](const KdReference *r, uint64_t n, uint64_t num[2]) { count_sides(r, n, node->split, num); },
+        [&](const KdReference *r, uint64_t n, KdReference *out[2], uint64_t num[2]) {
+          partition(r, n, cell.box, node->split, out, num);
+        },
+        child);
     references.free();
     const uint64_t num[2] = {child[0].size(), child[1].size()};
     Cell child_cell[2];
@@ -267,45 +236,6 @@ class Builder {
     tbb::parallel_invoke([&] { node->child[0] = build_upper(std::move(child[0]), child_cell[0]); },
                          [&] { node->child[1] = build_upper(std::move(child[1]), child_cell[1]); });
     return node;
-  }
-
-  void partition_in_parallel(const References &references, const Box &cell, const KdSplit &split,
-                             References child[2])
-  {
-    const uint64_t count = references.size();
-    const uint64_t num_chunks = (count + partition_grain - 1) / partition_grain;
-    struct Chunk {
-      References side[2];
-      uint64_t num[2];
-      uint64_t first[2];
-    };
-    std::vector<Chunk> chunks(num_chunks);
-    tbb::parallel_for(uint64_t(0), num_chunks, [&](uint64_t c) {
-      const uint64_t begin = c * partition_grain, end = std::min(begin + partition_grain, count);
-      uint64_t num[2];
-      count_sides(references.data() + begin, end - begin, split, num);
-      Chunk &chunk = chunks[c];
-      KdReference *out[2];
-      for (int s = 0; s < 2; ++s) {
-        chunk.side[s] = References(memory_, num[s], build_memory);
-        out[s] = chunk.side[s].data();
-      }
-      partition(references.data() + begin, end - begin, cell, split, out, chunk.num);
-    });
-    uint64_t total[2] = {0, 0};
-    for (Chunk &chunk : chunks) {
-      for (int s = 0; s < 2; ++s) {
-        chunk.first[s] = total[s];
-        total[s] += chunk.num[s];
-      }
-    }
-    for (int s = 0; s < 2; ++s) child[s] = References(memory_, total[s], build_memory);
-    tbb::parallel_for(uint64_t(0), num_chunks, [&](uint64_t c) {
-      for (int s = 0; s < 2; ++s) {
-        std::copy_n(chunks[c].side[s].data(), chunks[c].num[s], child[s].data() + chunks[c].first[s]);
-        chunks[c].side[s].free();
-      }
-    });
   }
 
   std::unique_ptr<Subtree> build_leaf(const References &references, const Cell &cell)
