@@ -35,6 +35,7 @@ DeviceScene::DeviceScene(const CompiledScene &scene, const std::shared_ptr<Devic
   reyes_.scene = view_;
   reyes_.control_points = keep(scene.control_points, "the scene's patches");
   reyes_.patches = keep(scene.patch_ranges, "the scene's patches");
+  reyes_.cells = keep(scene.patch_cells, "the scene's patches");
   reyes_.ranges = keep(scene.root_ranges, "the scene's patches");
 }
 

@@ -36,6 +36,7 @@ class Compiler {
     allocate(plans);
     for (size_t i = 0; i < plans.size(); ++i) store(plans[i], out_.segments[i]);
     sources_.clear();
+    cells_.clear();
     make_groups();
     place();
     count_roots();
@@ -89,16 +90,12 @@ class Compiler {
   // Fixes the place of every segment in the arrays.
   void allocate(const std::vector<Plan> &plans)
   {
+    cut(plans);
     uint64_t vertices = 0, triangles = 0, normals = 0, uvs = 0, patch_triangles = 0;
-    for (const Plan &p : plans) {
+    for (size_t i = 0; i < plans.size(); ++i) {
+      const Plan &p = plans[i];
       const GeometryData &geometry = in_.geometries[p.geometry];
-      uint32_t rate = 1;
-      if (geometry.kind == GeometryKind::Patches) {
-        const double stretch = stretch_of(p);
-        rate = patch_rate(p.geometry, stretch);
-        out_.patch_error = std::max(out_.patch_error, tessellation_error(geometry.patches, rate) * stretch);
-      }
-      auto source = make_source(geometry, rate);
+      auto source = make_source(geometry, cells_[i]);
       Segment s{};
       s.first_triangle = uint32_t(triangles);
       s.num_triangles = uint32_t(source->num_triangles());
@@ -127,13 +124,14 @@ class Compiler {
       out_.has_alpha_masks |= material.alpha_cutoff > 0 || material.blends != 0;
       const uint64_t num_patches =
           geometry.kind == GeometryKind::Patches ? geometry.patches.control_points.size() / 16 : 0;
-      out_.patch_ranges.push_back({uint32_t(out_.num_patches), uint32_t(num_patches), rate, 0});
+      out_.patch_ranges.push_back({uint32_t(out_.num_patches), uint32_t(num_patches)});
       out_.num_patches += num_patches;
       if (num_patches != 0) patch_triangles += s.num_triangles;
       sources_.push_back(std::move(source));
     }
     if (before_allocation_) {
       before_allocation_((vertices + normals + 16 * out_.num_patches) * sizeof(Vec3f) + uvs * sizeof(Vec2f) +
+                             out_.num_patches * sizeof(PatchCells) +
                              triangles * (sizeof(UInt3) + sizeof(uint32_t)),
                          patch_triangles);
     }
@@ -143,14 +141,32 @@ class Compiler {
     out_.normals.resize(normals);
     out_.uvs.resize(uvs);
     out_.control_points.resize(16 * out_.num_patches);
+    out_.patch_cells.reserve(out_.num_patches);
+    for (const std::vector<PatchCells> &cells : cells_)
+      out_.patch_cells.insert(out_.patch_cells.end(), cells.begin(), cells.end());
   }
 
-  uint32_t patch_rate(uint32_t geometry, double stretch) const
+  // Decides the triangles of all patches. Those in world space are cut together: they may share boundaries.
+  void cut(const std::vector<Plan> &plans)
   {
-    try {
-      return tessellation_rate(in_.geometries[geometry].patches, patch_tolerance_, stretch);
-    } catch (const Error &e) {
-      fail(e.result(), "geometry {}: {}", geometry, e.what());
+    cells_.resize(plans.size());
+    std::vector<PatchSource> sources;
+    std::vector<size_t> plan_of;
+    for (size_t i = 0; i < plans.size(); ++i) {
+      const Plan &p = plans[i];
+      const GeometryData &geometry = in_.geometries[p.geometry];
+      if (geometry.kind != GeometryKind::Patches) continue;
+      const bool is_baked = p.instance != invalid_id;
+      sources.push_back({&geometry.patches, p.geometry, stretch_of(p),
+                         is_baked ? in_.instances[p.instance].transform_double : identity_affine,
+                         is_baked ? 0 : uint32_t(i + 1)});
+      plan_of.push_back(i);
+    }
+    std::vector<std::vector<PatchCells>> cells = cut_patches(sources, patch_tolerance_);
+    for (size_t k = 0; k < sources.size(); ++k) {
+      out_.patch_error =
+          std::max(out_.patch_error, tessellation_error(*sources[k].patches, cells[k]) * sources[k].stretch);
+      cells_[plan_of[k]] = std::move(cells[k]);
     }
   }
 
@@ -318,6 +334,7 @@ class Compiler {
   const float patch_tolerance_;
   const BeforeAllocation &before_allocation_;
   CompiledScene out_;
+  std::vector<std::vector<PatchCells>> cells_;  // of each plan
   std::vector<std::unique_ptr<GeometrySource>> sources_;
   size_t num_baked_ = 0;  // segments of group 0
 };
@@ -367,7 +384,11 @@ SceneView CompiledScene::view() const
 
 ReyesScene CompiledScene::reyes_view() const
 {
-  return {view(), control_points.data(), patch_ranges.data(), root_ranges.data(),
+  return {view(),
+          control_points.data(),
+          patch_ranges.data(),
+          patch_cells.data(),
+          root_ranges.data(),
           root_ranges.empty() ? 0 : uint32_t(root_ranges.size()) - 1};
 }
 
@@ -378,7 +399,7 @@ uint64_t CompiledScene::bytes() const
                  size(segments) + size(groups) + size(group_geometry) + size(placements) + size(materials) +
                  size(textures) + size(texture_data) + size(lights) + size(light_nodes) +
                  size(light_bundles) + size(environment_rows) + size(environment_columns) + size(cameras) +
-                 size(control_points) + size(patch_ranges) + size(root_ranges);
+                 size(control_points) + size(patch_ranges) + size(patch_cells) + size(root_ranges);
   for (const auto &texels : texture_data) sum += texels->size();
   return sum;
 }

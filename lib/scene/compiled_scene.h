@@ -46,6 +46,7 @@ struct CompiledScene {
   std::vector<CameraData> cameras;
   std::vector<Vec3f> control_points;     // of patches, 16 each; in world space where they are placed once
   std::vector<PatchRange> patch_ranges;  // of each segment
+  std::vector<PatchCells> patch_cells;   // of each patch: its triangles
   std::vector<RootRange> root_ranges;    // of REYES; the last one ends them
   Box bounds;
   uint32_t num_tree_lights = 0;

@@ -2,6 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <unordered_map>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
 
 #include "error.h"
 #include "scene/parallel.h"
@@ -22,9 +26,13 @@ ControlNet load(const PatchData &patches, uint64_t patch)
   return net;
 }
 
-// Bound on |Suu| + 2 |Suv| + |Svv|: a Bezier surface lies in the hull of its control points, and its derivatives are
+// Bounds on the second derivatives: a Bezier surface lies in the hull of its control points, and its derivatives are
 // Bezier surfaces of the control points' differences.
-double curvature_bound(const ControlNet &net)
+struct Curvature {
+  double uu = 0, uv = 0, vv = 0;
+};
+
+Curvature curvature_of(const ControlNet &net)
 {
   double uu = 0, uv = 0, vv = 0;
   for (int r = 0; r < 4; ++r) {
@@ -38,7 +46,55 @@ double curvature_bound(const ControlNet &net)
       uv = std::max(uv, length(net.p[r + 1][c + 1] - net.p[r + 1][c] - net.p[r][c + 1] + net.p[r][c]));
     }
   }
-  return 6 * uu + 2 * 9 * uv + 6 * vv;
+  return {6 * uu, 9 * uv, 6 * vv};
+}
+
+// The distance of a surface from triangles between its points that are no wider than 1 / n_u and no higher than 1 / n_v is
+// at most (|Suu| / n_u^2 + 2 |Suv| / (n_u n_v) + |Svv| / n_v^2) / 8.
+// Source: Filip, Magedson and Markot 1986, surface algorithms using bounds on derivatives, for right triangles.
+// Differs: any triangle of that box. By Taylor's formula a point leaves the mean of the corners, weighted by its
+// barycentrics, by half of what the second derivative makes of the corners' offsets; their mean square along an axis is a
+// variance, and that is at most a quarter of the width squared (Popoviciu).
+double error_of(const Curvature &c, double n_u, double n_v)
+{
+  return (c.uu / (n_u * n_u) + 2 * c.uv / (n_u * n_v) + c.vv / (n_v * n_v)) / 8;
+}
+
+struct Rates {
+  double u, v;
+};
+
+// The least n_v that keeps the limit with n_u; infinite if none does.
+double least_rate(const Curvature &c, double n_u, double limit)
+{
+  if (error_of(c, n_u, 1) <= limit) return 1;
+  const double rest = 8 * limit - c.uu / (n_u * n_u), mixed = c.uv / n_u;
+  if (!(rest > 0)) return INFINITY;
+  double n_v = std::max(1.0, std::ceil((mixed + std::sqrt(mixed * mixed + rest * c.vv)) / rest));
+  if (error_of(c, n_u, n_v) > limit) n_v += 1;  // rounding
+  return error_of(c, n_u, n_v) <= limit ? n_v : INFINITY;
+}
+
+// Cells that keep the limit: as many along both, or fewer where less along one is enough.
+Rates choose_rates(const Curvature &c, double limit)
+{
+  const double square = std::max(1.0, std::ceil(std::sqrt((c.uu + 2 * c.uv + c.vv) / (8 * limit))));
+  Rates best{square, square};
+  const auto consider = [&](Rates r) {
+    if (r.u >= 1 && r.v >= 1 && r.u <= max_patch_cells && r.v <= max_patch_cells &&
+        r.u * r.v < best.u * best.v)
+      best = r;
+  };
+  // Where n_u : n_v is the root of |Suu| : |Svv|, the sum has its least value for their product.
+  const double product = (std::sqrt(c.uu) * std::sqrt(c.vv) + c.uv) / (4 * limit);
+  const double n_u = c.vv > 0 ? std::floor(std::sqrt(product * std::sqrt(c.uu / c.vv))) : 1;
+  for (double n : {1.0, n_u, n_u + 1}) {
+    if (!(n >= 1)) continue;
+    consider({n, least_rate(c, n, limit)});
+  }
+  const Curvature turned{c.vv, c.uv, c.uu};
+  consider({least_rate(turned, 1, limit), 1});
+  return best;
 }
 
 // A point of a cubic at i / n. The weights are whole numbers, exact in double, and the products are added in pairs from
@@ -94,94 +150,173 @@ Vec3d unit_normal(const ControlNet &net, double u, double v)
 
 namespace {
 
-// Of all patches.
-double curvature_bound(const PatchData &patches)
+// Control points of the edges, as PatchCells counts these.
+constexpr int edge_points[4][4] = {{0, 1, 2, 3}, {12, 13, 14, 15}, {0, 4, 8, 12}, {3, 7, 11, 15}};
+
+// The same for all edges with the same points, from either end. Edges that meet here by chance get the same number of
+// segments, which is no harm.
+uint64_t key_of_edge(const PatchSource &source, uint64_t patch, int edge)
 {
-  return tbb::parallel_reduce(
-      tbb::blocked_range<uint64_t>(0, patches.control_points.size() / 16, 64), 0.0,
-      [&](const tbb::blocked_range<uint64_t> &r, double m) {
-        for (uint64_t i = r.begin(); i != r.end(); ++i) m = std::max(m, curvature_bound(load(patches, i)));
-        return m;
+  double forward[13], backward[13];
+  forward[12] = backward[12] = source.space;
+  for (int k = 0; k < 4; ++k) {
+    const Vec3d p = transform_point(
+        source.place, to_double(source.patches->control_points[16 * patch + uint64_t(edge_points[edge][k])]));
+    const double c[3] = {p.x + 0.0, p.y + 0.0, p.z + 0.0};  // no -0
+    std::copy_n(c, 3, forward + 3 * k);
+    std::copy_n(c, 3, backward + 3 * (3 - k));
+  }
+  const bool is_turned = std::lexicographical_compare(backward, backward + 12, forward, forward + 12);
+  return XXH3_64bits(is_turned ? backward : forward, sizeof(forward));
+}
+
+double limit_of(const PatchSource &source, float tolerance)
+{
+  if (tolerance != 0) return double(tolerance) / source.stretch;
+  const SharedArray<Vec3f> &points = source.patches->control_points;
+  const Box b = union_of_boxes(points.size(), [&](uint64_t i) {
+    const Vec3f p = points[i];
+    return Box{p, p};
+  });
+  return 1e-4 * length(to_double(b.hi) - to_double(b.lo));
+}
+
+[[noreturn]] void fail_too_fine(const PatchSource &source, double limit, double num_triangles)
+{
+  // Triangles grow no faster than as 1 / tolerance.
+  fail_invalid(
+      "geometry {}: a patch tolerance of {:.3g} takes {:.3g} triangles for {} patches, more than 2^28; raise "
+      "patch_tolerance to {:.3g}",
+      source.geometry, limit * source.stretch, num_triangles, source.patches->control_points.size() / 16,
+      limit * source.stretch * num_triangles / double(max_triangles) * 1.1);
+}
+
+// What the patches of a source want for themselves.
+std::vector<PatchCells> own_cells(const PatchSource &source, float tolerance)
+{
+  std::vector<PatchCells> cells(source.patches->control_points.size() / 16,
+                                PatchCells{0, 1, 1, {1, 1, 1, 1}});
+  if (cells.empty()) return cells;
+  const double limit = limit_of(source, tolerance);
+  if (limit == 0) return cells;  // all points are one
+  const double num_triangles = tbb::parallel_reduce(
+      tbb::blocked_range<uint64_t>(0, cells.size(), 64), 0.0,
+      [&](const tbb::blocked_range<uint64_t> &range, double sum) {
+        for (uint64_t i = range.begin(); i != range.end(); ++i) {
+          const Rates r = choose_rates(curvature_of(load(*source.patches, i)), limit);
+          sum += 2 * r.u * r.v;
+          const uint16_t u = uint16_t(std::min(r.u, double(max_patch_cells))),
+                         v = uint16_t(std::min(r.v, double(max_patch_cells)));
+          cells[i] = {0, u, v, {u, u, v, v}};
+        }
+        return sum;
       },
-      [](double a, double b) { return std::max(a, b); });
+      [](double a, double b) { return a + b; });
+  if (!(num_triangles <= double(max_triangles))) fail_too_fine(source, limit, num_triangles);
+  return cells;
 }
 
 }  // namespace
 
-// The distance of a surface from the triangles between its samples at steps of 1/n is at most
-// (|Suu| + 2 |Suv| + |Svv|) / (8 n^2).
-// Source: Filip, Magedson and Markot 1986, surface algorithms using bounds on derivatives.
-double tessellation_error(const PatchData &patches, uint32_t rate)
+std::vector<std::vector<PatchCells>> cut_patches(const std::vector<PatchSource> &sources, float tolerance)
 {
-  return curvature_bound(patches) / (8 * double(rate) * double(rate));
+  std::vector<std::vector<PatchCells>> all;
+  std::unordered_map<uint64_t, uint16_t> segments;  // of each edge: the most that a patch at it wants
+  std::vector<std::vector<uint64_t>> keys;
+  for (const PatchSource &source : sources) {
+    std::vector<PatchCells> &cells = all.emplace_back(own_cells(source, tolerance));
+    std::vector<uint64_t> &own = keys.emplace_back(4 * cells.size());
+    parallel_for_each(own.size(), [&](uint64_t k) { own[k] = key_of_edge(source, k / 4, int(k % 4)); });
+    for (uint64_t k = 0; k < own.size(); ++k) {
+      uint16_t &most = segments[own[k]];
+      most = std::max(most, cells[k / 4].edge[k % 4]);
+    }
+  }
+  for (size_t s = 0; s < sources.size(); ++s) {
+    uint64_t num_triangles = 0;
+    for (uint64_t i = 0; i < all[s].size(); ++i) {
+      PatchCells &c = all[s][i];
+      for (uint64_t e = 0; e < 4; ++e) c.edge[e] = segments.at(keys[s][4 * i + e]);
+      // An edge wants no fewer than the patch does.
+      c.num_u = std::max(c.edge[0], c.edge[1]);
+      c.num_v = std::max(c.edge[2], c.edge[3]);
+      c.first_triangle = uint32_t(num_triangles);
+      num_triangles += uint64_t(2) * c.num_u * c.num_v;
+      if (num_triangles > max_triangles)
+        fail_too_fine(sources[s], limit_of(sources[s], tolerance),
+                      double(num_triangles) * double(all[s].size()) / double(i + 1));
+    }
+  }
+  return all;
 }
 
-uint32_t tessellation_rate(const PatchData &patches, float tolerance, double stretch)
+double tessellation_error(const PatchData &patches, std::span<const PatchCells> cells)
 {
-  const uint64_t num_patches = patches.control_points.size() / 16;
-  if (num_patches == 0) return 1;
-  double limit = tolerance / stretch;
-  if (tolerance == 0) {
-    const Box b = union_of_boxes(patches.control_points.size(), [&](uint64_t i) {
-      const Vec3f p = patches.control_points[i];
-      return Box{p, p};
-    });
-    limit = 1e-4 * length(to_double(b.hi) - to_double(b.lo));
-    if (limit == 0) return 1;  // all points are one
-  }
-  const double bound = curvature_bound(patches);
-  const double rate = std::max(1.0, std::ceil(std::sqrt(bound / (8 * limit))));
-  const double num_triangles = 2 * rate * rate * double(num_patches);
-  if (!(num_triangles <= double(max_triangles))) {
-    const double coarsest = bound * double(num_patches) * 2 / (8 * double(max_triangles));
-    fail_invalid(
-        "a patch tolerance of {:.3g} takes {:.3g} triangles for {} patches, more than 2^28; raise "
-        "patch_tolerance to {:.3g}",
-        limit * stretch, num_triangles, num_patches, coarsest * 1.1 * stretch);
-  }
-  return uint32_t(rate);
+  return tbb::parallel_reduce(
+      tbb::blocked_range<uint64_t>(0, cells.size(), 64), 0.0,
+      [&](const tbb::blocked_range<uint64_t> &range, double worst) {
+        for (uint64_t i = range.begin(); i != range.end(); ++i) {
+          // Cells within are no larger than those of the rim.
+          const PatchCells &c = cells[i];
+          worst = std::max(worst, error_of(curvature_of(load(patches, i)), std::min(c.edge[0], c.edge[1]),
+                                           std::min(c.edge[2], c.edge[3])));
+        }
+        return worst;
+      },
+      [](double a, double b) { return std::max(a, b); });
 }
 
-TessellatedPatches::TessellatedPatches(const PatchData &patches, uint32_t rate)
-    : patches_(patches),
-      rate_(rate),
-      vertices_per_patch_(uint64_t(rate + 1) * (rate + 1)),
-      num_patches_(patches.control_points.size() / 16)
-{}
+TessellatedPatches::TessellatedPatches(const PatchData &patches, std::span<const PatchCells> cells)
+    : patches_(patches), cells_(cells), first_vertex_(cells.size() + 1)
+{
+  for (size_t i = 0; i < cells.size(); ++i) {
+    first_vertex_[i + 1] = first_vertex_[i] + uint64_t(cells[i].num_u + 1) * uint64_t(cells[i].num_v + 1);
+    num_triangles_ += uint64_t(2) * cells[i].num_u * cells[i].num_v;
+  }
+}
 
 TessellatedPatches::Location TessellatedPatches::locate(uint64_t vertex) const
 {
-  const uint64_t rest = vertex % vertices_per_patch_;
-  return {vertex / vertices_per_patch_, rest % (rate_ + 1), rest / (rate_ + 1)};
+  const auto after = std::upper_bound(first_vertex_.begin(), first_vertex_.end(), vertex);
+  const uint64_t patch = uint64_t(after - first_vertex_.begin()) - 1;
+  const PatchCells &c = cells_[patch];
+  const uint64_t rest = vertex - first_vertex_[patch], width = uint64_t(c.num_u) + 1;
+  const uint32_t i = uint32_t(rest % width), j = uint32_t(rest / width);
+  return {patch, cell_u(c, i, j), cell_v(c, i, j)};
 }
 
-UInt3 TessellatedPatches::triangle(uint64_t i) const
+uint64_t patch_of_triangle(std::span<const PatchCells> cells, uint64_t triangle)
 {
-  const uint64_t patch = i / (2 * rate_ * rate_), cell = i % (2 * rate_ * rate_) / 2;
-  const uint32_t a = uint32_t(patch * vertices_per_patch_ + cell / rate_ * (rate_ + 1) + cell % rate_);
-  const uint32_t b = a + 1, c = a + uint32_t(rate_) + 1, d = c + 1;
-  if (i % 2 == 0) return {a, b, d};
-  return {a, d, c};
+  const auto after = std::upper_bound(cells.begin(), cells.end(), triangle,
+                                      [](uint64_t t, const PatchCells &c) { return t < c.first_triangle; });
+  return uint64_t(after - cells.begin()) - 1;
+}
+
+UInt3 TessellatedPatches::triangle(uint64_t index) const
+{
+  const uint64_t patch = patch_of_triangle(cells_, index);
+  const PatchCells &p = cells_[patch];
+  const uint32_t local = uint32_t(index - p.first_triangle), i = local / 2 % p.num_u, j = local / 2 / p.num_u;
+  const uint32_t a = uint32_t(first_vertex_[patch]) + j * (p.num_u + 1u) + i;
+  const uint32_t b = a + 1, c = a + p.num_u + 1u, d = c + 1;
+  if (is_turned(p, i, j)) return local % 2 == 0 ? UInt3{a, b, c} : UInt3{b, d, c};
+  return local % 2 == 0 ? UInt3{a, b, d} : UInt3{a, d, c};
 }
 
 Vec3d TessellatedPatches::vertex(uint64_t index) const
 {
-  const auto [patch, i, j] = locate(index);
+  const auto [patch, u, v] = locate(index);
   const ControlNet net = load(patches_, patch);
-  const auto &p = net.p;
-  // Boundary curves come from their own control points alone.
-  if (j == 0 || j == rate_) {
-    const auto &row = p[j == 0 ? 0 : 3];
-    return cubic_at(row[0], row[1], row[2], row[3], i, rate_);
-  }
+  // On a boundary the other control points have no part in this: cubic_at takes an end as it is.
   Vec3d column[4];
-  for (int r = 0; r < 4; ++r) column[r] = cubic_at(p[r][0], p[r][1], p[r][2], p[r][3], i, rate_);
-  return cubic_at(column[0], column[1], column[2], column[3], j, rate_);
+  for (int r = 0; r < 4; ++r)
+    column[r] = cubic_at(net.p[r][0], net.p[r][1], net.p[r][2], net.p[r][3], u.step, u.steps);
+  return cubic_at(column[0], column[1], column[2], column[3], v.step, v.steps);
 }
 
 Vec3d TessellatedPatches::normal(uint64_t index) const
 {
-  const auto [patch, i, j] = locate(index);
+  const auto [patch, u, v] = locate(index);
   ControlNet net = load(patches_, patch);
   const Vec3d origin = net.p[0][0];
   double scale = 0;
@@ -195,13 +330,13 @@ Vec3d TessellatedPatches::normal(uint64_t index) const
   for (auto &row : net.p) {
     for (Vec3d &p : row) p = p * (1 / scale);
   }
-  return unit_normal(net, double(i) / double(rate_), double(j) / double(rate_));
+  return unit_normal(net, double(u.step) / double(u.steps), double(v.step) / double(v.steps));
 }
 
 Vec2f TessellatedPatches::uv(uint64_t index) const
 {
-  const auto [patch, i, j] = locate(index);
-  return {float(double(i) / double(rate_)), float(double(j) / double(rate_))};
+  const auto [patch, u, v] = locate(index);
+  return {float(double(u.step) / double(u.steps)), float(double(v.step) / double(v.steps))};
 }
 
 }  // namespace gpurt

@@ -1,34 +1,49 @@
 // Bicubic Bezier patches as triangles.
 //
-// Every patch of a geometry is cut into rate x rate cells of two triangles each. Triangle t belongs to patch
-// t / (2 rate^2); within it cells follow row by row (u fastest), the lower right triangle first. Vertices on the
-// boundary of a patch have the same bits as those of a neighbour that shares the four boundary points, in either order:
-// the mesh is watertight wherever the patches are.
+// Every patch has as many cells along u and along v as its own curvature wants; every edge has the largest number that one of
+// the patches at it wants, so that all of them have the same vertices there (core/reyes/patch_cells.h). Vertices on a
+// boundary have the same bits in all patches that share its four points, in either order: the mesh is watertight wherever
+// the patches are, within a geometry and from one to the next.
+//
+// Why not a number of the edge's curve alone, as micropolygons have it: an edge may be straight while the surface next
+// to it is not, and triangles that lie on a long straight segment leave such a surface by more than the bound.
 #pragma once
 
 #include <cstdint>
+#include <span>
+#include <vector>
 
+#include "core/reyes/patch_cells.h"
 #include "scene/affine.h"
 #include "scene/scene_data.h"
 
 namespace gpurt {
 
-/// The rate at which no point of the patches is further than `tolerance` from its triangles, once placements have made
-/// distances `stretch` times as large. `tolerance` 0 means 1e-4 of the diagonal of the control points' bounds. Throws
-/// INVALID_ARGUMENT naming the tolerance where that takes more than 2^28 triangles.
-uint32_t tessellation_rate(const PatchData &patches, float tolerance, double stretch = 1);
+/// Patches of one geometry, and how they are placed.
+struct PatchSource {
+  const PatchData *patches;
+  uint32_t geometry;  // for messages
+  double stretch;     // placements make distances as many times as large at most
+  AffineDouble place = identity_affine;
+  uint32_t space = 0;  // `place` leads there; patches share boundaries with those of the same space alone
+};
+
+/// The cells with which no point of the patches is further than `tolerance` from its triangles once they are placed, for
+/// each source. `tolerance` 0 means 1e-4 of the diagonal of a source's control points, before they are placed. Throws
+/// INVALID_ARGUMENT naming the geometry and the tolerance where a source takes more than 2^28 triangles.
+std::vector<std::vector<PatchCells>> cut_patches(const std::vector<PatchSource> &sources, float tolerance);
 
 /// No point of the patches is further than this from its triangles, in object space.
-double tessellation_error(const PatchData &patches, uint32_t rate);
+double tessellation_error(const PatchData &patches, std::span<const PatchCells> cells);
 
-/// The mesh of `patches` at `rate`; values are computed when they are asked for.
+/// The mesh of `patches`; values are computed when they are asked for. Refers to what it is given.
 class TessellatedPatches {
  public:
-  TessellatedPatches(const PatchData &patches, uint32_t rate);
+  TessellatedPatches(const PatchData &patches, std::span<const PatchCells> cells);
 
-  uint64_t num_patches() const { return num_patches_; }
-  uint64_t num_vertices() const { return num_patches_ * vertices_per_patch_; }
-  uint64_t num_triangles() const { return num_patches_ * 2 * rate_ * rate_; }
+  uint64_t num_patches() const { return cells_.size(); }
+  uint64_t num_vertices() const { return first_vertex_.back(); }
+  uint64_t num_triangles() const { return num_triangles_; }
   UInt3 triangle(uint64_t i) const;
   Vec3d vertex(uint64_t i) const;
   /// Unit length, along dS/du x dS/dv; at poles its limit from within the patch.
@@ -38,12 +53,17 @@ class TessellatedPatches {
  private:
   struct Location {
     uint64_t patch;
-    uint64_t i, j;  // u = i / rate, v = j / rate
+    CellParameter u, v;
   };
   Location locate(uint64_t vertex) const;
 
   const PatchData &patches_;
-  uint64_t rate_, vertices_per_patch_, num_patches_;
+  std::span<const PatchCells> cells_;
+  std::vector<uint64_t> first_vertex_;  // of each patch; the last one ends them
+  uint64_t num_triangles_ = 0;
 };
+
+/// The patch that a triangle belongs to, of the cells of one geometry.
+uint64_t patch_of_triangle(std::span<const PatchCells> cells, uint64_t triangle);
 
 }  // namespace gpurt

@@ -93,6 +93,7 @@ uint64_t hash_scene(const CompiledScene &scene)
   if (scene.num_patches != 0) {
     hash.add_array(scene.control_points);
     hash.add_array(scene.patch_ranges);
+    hash.add_array(scene.patch_cells);
   }
   return hash.value();
 }

@@ -117,10 +117,10 @@ class SurfaceSource final : public GeometrySource {
 
 }  // namespace
 
-std::unique_ptr<GeometrySource> make_source(const GeometryData &geometry, uint32_t patch_rate)
+std::unique_ptr<GeometrySource> make_source(const GeometryData &geometry, std::span<const PatchCells> cells)
 {
   if (geometry.kind == GeometryKind::Patches) {
-    return std::make_unique<SurfaceSource<PatchSurface>>(geometry.patches, patch_rate);
+    return std::make_unique<SurfaceSource<PatchSurface>>(geometry.patches, cells);
   }
   return std::make_unique<SurfaceSource<MeshSurface>>(geometry.mesh);
 }

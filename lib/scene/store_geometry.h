@@ -2,8 +2,10 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <vector>
 
+#include "core/reyes/patch_cells.h"
 #include "scene/affine.h"
 #include "scene/scene_data.h"
 
@@ -27,7 +29,7 @@ class GeometrySource {
   virtual void store_uvs(Vec2f *uvs) const = 0;
 };
 
-/// The source refers to `geometry`. `patch_rate` matters for patches alone.
-std::unique_ptr<GeometrySource> make_source(const GeometryData &geometry, uint32_t patch_rate);
+/// The source refers to `geometry` and, for patches, to their `cells`.
+std::unique_ptr<GeometrySource> make_source(const GeometryData &geometry, std::span<const PatchCells> cells);
 
 }  // namespace gpurt

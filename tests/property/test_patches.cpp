@@ -162,6 +162,49 @@ TEST_P(Patches, LeaveNoCracksForRays)
   }
 }
 
+// The same of a surface whose patches want very different numbers of triangles, half of them in one geometry and half in
+// another: along every boundary they have the same vertices.
+TEST_P(Patches, LeaveNoCracksBetweenFlatAndCurved)
+{
+  Device device = make_device(GetParam());
+  std::mt19937_64 rng(3);
+  for (const float tolerance : {0.1f, 0.01f, 0.001f}) {
+    std::vector<PatchNet> nets = closed_patches(3, 0.1, 80);
+    // Inner points are a patch's own.
+    for (size_t i = 0; i < nets.size(); i += 3) {
+      for (size_t k : {5, 6, 9, 10}) {
+        for (float &c : nets[i][k]) c *= float(uniform(rng, 0.7, 1.6));
+      }
+    }
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+    std::vector<PatchNet> halves[2];
+    for (size_t i = 0; i < nets.size(); ++i) halves[i % 2].push_back(nets[i]);
+    for (const auto &half : halves) add_patches(scene, half);
+    GPURT_ASSERT_OK(commit_within(scene, tolerance));
+    std::vector<gpurt_ray> rays;
+    for (int i = 0; i < 30000; ++i) {
+      // At boundaries, and at the rim's triangles beside them.
+      const double side = double(rng() & 1), off = i % 3 == 0 ? uniform(rng, 0, 0.2) : 0;
+      const double across = side + (side > 0 ? -off : off),
+                   along = i % 7 == 0 ? double(rng() & 1) : uniform(rng);
+      const bool is_row = rng() & 1;
+      const SurfacePoint s =
+          evaluate(nets[pick(rng, nets.size())], is_row ? along : across, is_row ? across : along);
+      gpurt_ray ray{};
+      for (size_t k = 0; k < 3; ++k) {
+        ray.origin[k] = float(uniform(rng, -0.2, 0.2));
+        ray.direction[k] = float(s.p[k] - double(ray.origin[k]));
+      }
+      ray.tmax = 1e30f;
+      rays.push_back(ray);
+    }
+    size_t num_missed = 0;
+    for (const gpurt_hit &hit : trace_closest(scene, rays)) num_missed += hit.primitive == GPURT_INVALID_ID;
+    EXPECT_EQ(num_missed, 0u) << "tolerance " << tolerance;
+  }
+}
+
 // What a commit takes is known before it is allocated: it fails at once, says why, and leaves the scene as it was.
 TEST_P(Patches, SayWhatTheyTakeBeforeTheyTakeIt)
 {

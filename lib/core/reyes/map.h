@@ -18,16 +18,11 @@ GPURT_HD inline Hit hit_of_root(const ReyesScene &s, uint32_t root, float u, flo
   const PatchRange &patches = s.patches[range.segment];
   const uint32_t primitive = uint32_t(root - range.first_root);
   if (patches.num_patches == 0) return {t, u, v, segment.first_triangle + primitive, range.placement};
-  const float n = float(patches.rate);
-  const float x = clamp(u, 0.0f, 1.0f) * n, y = clamp(v, 0.0f, 1.0f) * n;
-  const uint32_t i = min(uint32_t(x), patches.rate - 1), j = min(uint32_t(y), patches.rate - 1);
-  const float fx = clamp(x - float(i), 0.0f, 1.0f), fy = clamp(y - float(j), 0.0f, 1.0f);
-  const uint32_t cell = (primitive * patches.rate + j) * patches.rate + i;
-  // The lower right triangle a b d, or the upper left one a d c.
-  const bool is_upper = fy > fx;
-  const float second = is_upper ? fx : fx - fy, third = is_upper ? fy - fx : fy;
-  const uint32_t triangle = segment.first_triangle + 2 * cell + (is_upper ? 1 : 0);
-  return {t, segment.flips ? third : second, segment.flips ? second : third, triangle, range.placement};
+  const PatchCells &cells = s.cells[patches.first_patch + primitive];
+  const CellPoint at = locate_in_cells(cells, clamp(u, 0.0f, 1.0f), clamp(v, 0.0f, 1.0f));
+  const uint32_t triangle = segment.first_triangle + cells.first_triangle + at.triangle;
+  return {t, segment.flips ? at.third : at.second, segment.flips ? at.second : at.third, triangle,
+          range.placement};
 }
 
 // What stands for the hit of a sample's eye ray: the place on the root that it sees, at 1 / w = z.

@@ -5,16 +5,15 @@
 #pragma once
 
 #include "core/path/path_settings.h"
+#include "core/reyes/patch_cells.h"
 #include "core/scene/scene_view.h"
 
 namespace gpurt {
 
-// The patches of a segment. Its triangles are theirs, `rate` x `rate` cells of two for each.
+// The patches of a segment. Its triangles are theirs, patch after patch.
 struct PatchRange {
   uint32_t first_patch;  // of ReyesScene::control_points, 16 points each
   uint32_t num_patches;  // 0: the segment is a mesh
-  uint32_t rate;
-  uint32_t reserved;
 };
 
 // Roots [first_root, the next range's first_root): the primitives of a segment through one placement, or in world space.
@@ -28,6 +27,7 @@ struct ReyesScene {
   SceneView scene;
   const Vec3f *control_points;
   const PatchRange *patches;  // of each segment
+  const PatchCells *cells;    // of each patch
   const RootRange *ranges;    // [num_ranges + 1]; the last one ends the roots
   uint32_t num_ranges;
 };

@@ -95,7 +95,11 @@ def measure_run(setting: Setting, device: gpurt.Device, scene_path: str, referen
         spp *= 2
     statistics = frame.statistics
     resolved = {key: getattr(statistics, key) for key in (
-        "pipeline", "accel", "triangle_test", "max_depth", "tile_size", "num_threads", "width", "height", "reason")}
+        "pipeline", "accel", "triangle_test", "max_depth", "tile_size", "num_threads", "width", "height", "reason",
+        "reyes")}
+    if statistics.reyes:
+        # Every submit dices anew.
+        resolved["micropolygons"] = round(statistics.reyes_counters["num_micropolygons"] / len(run.samples))
     return run, resolved
 
 

@@ -23,7 +23,8 @@ COMMIT_KEYS: Keys = {"accel": str, "triangle_test": str, "patch_tolerance": floa
 RENDER_KEYS: Keys = {"pipeline": str, "max_depth": int, "tile_size": int}
 # Of these two pipelines; the names are those that Frame.submit takes.
 PHOTON_KEYS: Keys = {"photons_per_pass": int, "initial_radius": float, "kernel": str}
-REYES_KEYS: Keys = {"shading_rate": float, "filter": str, "shading": str, "shadows": flag}
+REYES_KEYS: Keys = {"shading_rate": float, "filter": str, "shading": str, "shadows": flag,
+                    "flatness": float}
 KNOWN_KEYS: Tuple[Keys, Keys, Keys, Keys, Keys] = (DEVICE_KEYS, COMMIT_KEYS, RENDER_KEYS, PHOTON_KEYS, REYES_KEYS)
 KEY_NAMES = ", ".join(key for known in KNOWN_KEYS for key in known)
 
