@@ -356,8 +356,8 @@ GPURT_API gpurt_result gpurt_scene_set_vertices(gpurt_scene scene, uint32_t geom
 
 /** Adds bicubic Bezier patches. For rays they are tessellated at commit, to gpurt_build_desc.patch_tolerance.
  *
- *  Each patch becomes n x n cells of two triangles, n being one number for the geometry, so that neighbours that share
- *  boundary points leave no cracks. The primitive of a hit is a triangle of these: its patch is primitive / (2 n^2).
+ *  Each patch becomes cells of two triangles, as many as it needs; neighbours that share boundary points, in this geometry
+ *  or in another one, leave no cracks. The primitive of a hit is one of these triangles, which go patch by patch.
  *  Errors: INVALID_ARGUMENT naming the first control point that is not finite; at commit, for a tolerance that takes
  *  more than 2^28 triangles.
  */

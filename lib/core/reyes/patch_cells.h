@@ -68,8 +68,8 @@ GPURT_INLINE bool is_regular(const PatchCells &c)
 // from b to c, triangles a b c and b d c.
 GPURT_INLINE bool is_turned(const PatchCells &c, uint32_t i, uint32_t j)
 {
-  return c.num_u > 1 && c.num_v > 1 &&
-         ((i == 0 && j + 1 == c.num_v) || (i + 1 == c.num_u && j == 0)) && !is_regular(c);
+  return c.num_u > 1 && c.num_v > 1 && ((i == 0 && j + 1 == c.num_v) || (i + 1 == c.num_u && j == 0)) &&
+         !is_regular(c);
 }
 
 // In units of cells.

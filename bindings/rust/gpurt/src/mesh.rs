@@ -70,8 +70,8 @@ impl fmt::Debug for Mesh<'_> {
     }
 }
 
-/// Bicubic Bézier patches. For rays they are tessellated at commit: each becomes n x n cells of two
-/// triangles, n being one number for the geometry, so the patch of a hit is its primitive / (2 n²).
+/// Bicubic Bézier patches. For rays they are tessellated at commit: each becomes as many triangles as
+/// it needs, patch by patch, and a hit's primitive is one of these.
 #[derive(Clone, Copy)]
 #[must_use]
 pub struct Patches<'a> {
