@@ -5,17 +5,23 @@
 SCENES holds NAME_patches.glb and reference/references.json with a reference of direct light for each: NAME_direct, or NAME
 where direct light is all there is. Every curve runs over samples; one family of curves runs over shading rates, one over
 flatness (the distance in pixels that micropolygons may leave the surface by) at the default rate, and path tracing of the
-tessellation, emission and direct light alone, stands beside both. Makes a chart (python -m gpurt.chart) in DIR/NAME for each
-scene, and DIR/reyes.md, .json and .png of all of them.
+tessellation, emission and direct light alone, stands beside both. Makes DIR/reyes.md, .json and .png. Times are of rendering alone; the files have those of
+commits too. For a page of one scene, with pictures, hand the same curves to python -m gpurt.chart.
 """
 
 import argparse
+import dataclasses
 import json
 import pathlib
 import sys
 
-from gpurt.chart import __main__ as chart
+import gpurt
+from gpurt import metrics
+from gpurt.chart.__main__ import parse_noise
+from gpurt.chart.analyse import summarise
 from gpurt.chart.draw import MARKERS, format_seconds
+from gpurt.chart.measure import Limits, measure as measure_curves
+from gpurt.chart.settings import parse_setting
 
 RATES = (0.0625, 0.25, 1.0, 4.0, 16.0)
 FLATNESS = (0.05, 0.25, 0.95)
@@ -33,11 +39,11 @@ def name_of_flatness(flatness):
 
 
 def settings_of(device, threads):
-    """Name and keys of every curve, as python -m gpurt.chart takes them."""
+    """Of every curve."""
     curves = {PATH: "pipeline=path"}
     curves.update({name_of_rate(r): f"pipeline=reyes,shading_rate={r:g}" for r in RATES})
     curves.update({name_of_flatness(f): f"pipeline=reyes,shading_rate={DEFAULT_RATE:g},flatness={f:g}" for f in FLATNESS})
-    return [f"{name}:{keys},device={device},threads={threads},max_depth=2" for name, keys in curves.items()]
+    return [parse_setting(f"{name}:{keys},device={device},threads={threads},max_depth=2") for name, keys in curves.items()]
 
 
 def curves_of(family):
@@ -80,7 +86,7 @@ def table(documents, measure):
         path_error = error_at_samples(settings[PATH], spp, measure)
         for setting in document["settings"]:
             seconds, error = seconds_at_samples(setting, spp), error_at_samples(setting, spp, measure)
-            count = setting["resolved"].get("micropolygons")
+            count = setting["micropolygons"]
             lines.append(f"| {name} | {setting['name']} | {'' if count is None else f'{count:,}'} | {spp} | "
                          f"{format_seconds(seconds)} | {error:.2e} | {seconds / path_seconds:.2f}, {error / path_error:.2f} |")
     return "\n".join(lines)
@@ -147,28 +153,26 @@ def main(arguments=None):
     unknown = [n for n in names if n not in known]
     if unknown:
         sys.exit(f"error: {options.folder} has no patches and reference of {', '.join(unknown)}; it has {', '.join(known)}")
+    options.output.mkdir(parents=True, exist_ok=True)
     documents = {}
     for name in names:
-        folder, reference = options.output / name, reference_of(name, references)
         print(f"== {name}", flush=True)
-        settings = [part for s in settings_of(options.device, options.threads) for part in ("--settings", s)]
-        status = chart.main([str(options.folder / f"{name}_patches.glb"), "--reference",
-                             str(index.parent / f"{reference}.exr"), "--reference-noise", str(index), "-o", str(folder),
-                             "--seconds", str(options.seconds), "--repeats", str(options.repeats),
-                             "--max-spp", str(options.max_spp), *settings])
-        if status != 0:
-            sys.exit(f"error: no chart of {name}")
-        documents[name] = json.loads((folder / "chart.json").read_text(encoding="utf-8"))
+        path = index.parent / f"{reference_of(name, references)}.exr"
+        reference, noise = metrics.read_exr(path), parse_noise(str(index), str(path))
+        limits = Limits(options.seconds, options.max_spp, options.repeats, seed=1)
+        curves = measure_curves(settings_of(options.device, options.threads), str(options.folder / f"{name}_patches.glb"),
+                                reference, noise, limits, 0, lambda line: print(line, flush=True))
+        results = [summarise(curve) for curve in curves]
+        documents[name] = {
+            "gpurt": gpurt.__version__, "device": curves[0].device.name, "threads": curves[0].resolved["num_threads"],
+            "width": reference.shape[1], "height": reference.shape[0], "repeats": options.repeats,
+            "reference_noise": dataclasses.asdict(noise),
+            "settings": [{"name": r.name, "load_seconds": r.load_seconds, "build_seconds": r.build_seconds,
+                          "micropolygons": r.curve.resolved.get("micropolygons"),
+                          "points": [dataclasses.asdict(p) for p in r.points]} for r in results]}
     text = table(documents, "trimmed")
     (options.output / "reyes.md").write_text(text + "\n", encoding="utf-8")
-    (options.output / "reyes.json").write_text(json.dumps({name: {
-        "gpurt": d["gpurt"], "device": d["settings"][0]["device"]["name"], "width": d["width"], "height": d["height"],
-        "repeats": d["repeats"], "reference_noise": d["reference_noise"],
-        "curves": [{"name": s["name"], "threads": s["resolved"]["num_threads"], "load_seconds": s["load_seconds"],
-                    "build_seconds": s["build_seconds"], "micropolygons": s["resolved"].get("micropolygons"),
-                    "points": [{"spp": p["spp"], "render_seconds": p["render_seconds"], "relmse": p["relmse"]["median"],
-                                "trimmed": p["trimmed"]["median"], "bias": p["bias"]} for p in s["points"]]}
-                   for s in d["settings"]]} for name, d in documents.items()}, indent=1) + "\n", encoding="utf-8")
+    (options.output / "reyes.json").write_text(json.dumps(documents, indent=1) + "\n", encoding="utf-8")
     draw(documents, "trimmed", options.output / "reyes.png")
     print(text)
     return 0
