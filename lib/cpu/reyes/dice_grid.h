@@ -32,7 +32,7 @@ inline void dice_columns(const RasterPatch &patch, const Piece &p, uint32_t widt
     const FloatLanes w0 = a * a * a, w1 = 3.0f * (a * a * b), w2 = 3.0f * (b * b * a), w3 = b * b * b;
     store_lanes(g.param + i, b);
     for (int r = 0; r < 4; ++r) {
-      const auto column = [&](const float (&c)[16]) {
+      const auto column = [&](const float(&c)[16]) {
         return (w0 * c[4 * r] + w3 * c[4 * r + 3]) + (w1 * c[4 * r + 1] + w2 * c[4 * r + 2]);
       };
       store_lanes(g.x[r] + i, column(patch.x));
@@ -90,7 +90,7 @@ inline void dice_grid(const RasterPatch &patch, const Piece &p, const RasterProj
     const FloatLanes kv = lanes(parameter(k));
     for (uint32_t from = 0; from < width; from += num_lanes) {
       const uint32_t i = lanes_from(from, width);
-      const auto point = [&](const float (&c)[4][max_segments + 1]) {
+      const auto point = [&](const float(&c)[4][max_segments + 1]) {
         return cubic(v, load_lanes(c[0] + i), load_lanes(c[1] + i), load_lanes(c[2] + i),
                      load_lanes(c[3] + i));
       };

@@ -24,7 +24,7 @@ struct PackedSums {
   {
     const uint32_t exponent = packed >> 26, shift = exponent & 31;
     const uint32_t r = packed >> 17 & 0x1ffu, g = packed >> 8 & 0x1ffu, b = 2 * (packed & 0xffu);
-    uint64_t (&to)[3] = sum[half][exponent >> 5];
+    uint64_t(&to)[3] = sum[half][exponent >> 5];
     to[0] += uint64_t(r) << shift;
     to[1] += uint64_t(g) << shift;
     to[2] += uint64_t(b) << shift;

@@ -159,7 +159,7 @@ GPURT_INLINE UintLanes shade_points(const SceneView &scene, const Material &mate
                                     const int32_t (&ku)[max_segments], uint32_t kv)
 {
   const WeightLanes v = weight_lanes(cubic_weights(kv)), dv = weight_lanes(cubic_slopes(kv));
-  const auto along_v = [&](const WeightLanes &c, const float (&from)[4][max_segments]) {
+  const auto along_v = [&](const WeightLanes &c, const float(&from)[4][max_segments]) {
     return fused_cubic(c, load_lanes(from[0] + i), load_lanes(from[1] + i), load_lanes(from[2] + i),
                        load_lanes(from[3] + i));
   };
