@@ -60,7 +60,8 @@ class BlockSampler {
           return;
         }
         sample_cells(
-            cells, [&](float x, float y, float &p, float &q) { return cover(t, x, y, p, q); },
+            cells, [](int32_t, CellRange &) {},
+            [&](float x, float y, float &p, float &q) { return cover(t, x, y, p, q); },
             [&](float z, float share_b, float share_c) {
               return cover_uv(t, {{a.u, a.v}, {b.u, b.v}, {c.u, c.v}}, z, share_b, share_c);
             });
@@ -75,7 +76,7 @@ class BlockSampler {
     if (!make_any_cover(corners, projection_, t)) return;
     const double origin_x = double(origin_x_), origin_y = double(origin_y_);
     sample_cells(
-        cells,
+        cells, [&](int32_t row, CellRange &of_row) { narrow(t, row, of_row); },
         [&](float x, float y, float &p, float &q) {
           return cover_any(t, double(x) + origin_x, double(y) + origin_y, p, q);
         },
@@ -193,13 +194,50 @@ class BlockSampler {
     }
   }
 
-  template <class Cover, class Uv>
-  void sample_cells(const CellRange &cells, const Cover &cover_sample, const Uv &uv)
+  // Leaves out cells at both ends of a row of `cells` that a triangle cannot cover: the box of a large one may be far larger
+  // than it is. Edge functions are linear; what they are largest at within the row decides.
+  void narrow(const AnyCover &t, int32_t row, CellRange &cells) const
+  {
+    const double size = double(1 << block_.cell_bits);
+    const double origin_x = double(origin_x_), y0 = double(origin_y_) + double(row) * size, y1 = y0 + size;
+    const double begin = origin_x + double(cells.x0) * size, end = origin_x + double(cells.x1 + 1) * size;
+    double x0 = begin, x1 = end;
+    for (const EdgeForm &e : t.edge) {
+      const double a = e.a * t.sign, b = e.b * t.sign, c = e.c * t.sign;
+      const double below = (y0 - e.oy) * b, above = (y1 - e.oy) * b;
+      // Ten roundings, here and in cover_any, of at most 2^-53 of the largest terms: 2^-48 of a sum of them is more.
+      const double terms = (abs(begin - e.ox) + abs(end - e.ox)) * abs(a) + abs(below) + abs(above) + abs(c);
+      const double rest = (below > above ? below : above) + c + terms * 0x1p-48;
+      if (a == 0.0) {
+        if (rest < 0.0) x1 = x0 - size;
+        continue;
+      }
+      // A unit more for the rounding of the quotient; what is not a number leaves the range as it is.
+      const double bound = e.ox - rest / a;
+      if (a > 0.0 && bound - 1.0 > x0) x0 = bound - 1.0;
+      if (a < 0.0 && bound + 1.0 < x1) x1 = bound + 1.0;
+    }
+    if (x0 > x1) {
+      cells.x1 = cells.x0 - 1;
+      return;
+    }
+    // Both lie within the row now.
+    cells.x1 = min(int32_t((x1 - origin_x) / size), cells.x1);
+    cells.x0 = min(int32_t((x0 - origin_x) / size), cells.x1);
+  }
+
+  // `narrow_row` may make the range of cells of a row smaller.
+  template <class NarrowRow, class Cover, class Uv>
+  void sample_cells(const CellRange &cells, const NarrowRow &narrow_row, const Cover &cover_sample,
+                    const Uv &uv)
   {
     for (int32_t row = cells.y0; row <= cells.y1; ++row) {
+      CellRange of_row = cells;
+      narrow_row(row, of_row);
+      if (of_row.x0 > of_row.x1) continue;
       const uint32_t cell = uint32_t(row) * uint32_t(block_.cells_x);
-      const uint32_t end = block_.first[cell + uint32_t(cells.x1) + 1];
-      for (uint32_t first = block_.first[cell + uint32_t(cells.x0)]; first < end; first += samples_per_run) {
+      const uint32_t end = block_.first[cell + uint32_t(of_row.x1) + 1];
+      for (uint32_t first = block_.first[cell + uint32_t(of_row.x0)]; first < end; first += samples_per_run) {
         const uint32_t n = min(end - first, samples_per_run);
         float z[samples_per_run];
         const float *px = block_.x + first, *py = block_.y + first, *old_z = block_.z + first;
