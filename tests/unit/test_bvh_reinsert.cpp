@@ -97,7 +97,9 @@ TEST(BvhReinsert, MakesRandomTreesBetterAndLosesNothing)
     const Measured after = expect_whole(tree);
     EXPECT_LE(after.area, before.area);
     // Splits at random leave much to be gained; trees of a few leaves have nowhere else to put them.
-    if (tree.leaves.size() > 100) EXPECT_LT(after.area, 0.5 * before.area) << tree.leaves.size();
+    if (tree.leaves.size() > 100) {
+      EXPECT_LT(after.area, 0.5 * before.area) << tree.leaves.size();
+    }
   }
 }
 
