@@ -220,12 +220,6 @@ std::vector<gpurt_ray> make_rays(gpurt_scene scene, Rays kind, uint64_t count)
   return rays;
 }
 
-double median(std::vector<double> values)
-{
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
 double seconds_of(const std::function<void()> &work)
 {
   const auto start = std::chrono::steady_clock::now();

@@ -224,12 +224,6 @@ double seconds_of(const std::function<void()> &work)
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-double median(std::vector<double> values)
-{
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
 void commit(gpurt_scene scene, gpurt_build_quality quality)
 {
   gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;

@@ -142,12 +142,6 @@ Rendering render(gpurt_scene scene, const Options &options)
   return r;
 }
 
-double median(std::vector<double> values)
-{
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
 }  // namespace
 
 int main(int argc, char **argv)

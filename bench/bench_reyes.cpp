@@ -100,12 +100,6 @@ void fill(gpurt_scene scene)
   check(gpurt_scene_add_camera(scene, &camera, &id), "gpurt_scene_add_camera");
 }
 
-double median(std::vector<double> values)
-{
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
 void run(gpurt_scene scene, const char *name, const char *device, const Size &size, const Options &o)
 {
   const struct {

@@ -44,12 +44,6 @@ double cpu_seconds()
   return double(t.tv_sec) + 1e-9 * double(t.tv_nsec);
 }
 
-double median(std::vector<double> values)
-{
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
 void fill(gpurt_scene scene)
 {
   constexpr int n = 40;
@@ -125,16 +119,20 @@ struct Way {
   gpurt_statistics statistics;
 };
 
+// From patches to what samples see of them.
+double cut_to_sampled_seconds(const gpurt_reyes_counters &c)
+{
+  return c.bound_seconds + c.split_seconds + c.dice_seconds + c.sample_seconds;
+}
+
 // What a way's last round took to find what samples see. Stages are timed by the wall: their shares are applied to the
 // processor's time.
 double finding_seconds(const Way &way)
 {
   const gpurt_statistics &s = way.statistics;
-  const gpurt_reyes_counters &c = s.reyes_counters;
-  const double wall =
-      way.desc.pipeline == GPURT_PIPELINE_PATH
-          ? s.generate_seconds + s.trace_seconds
-          : s.generate_seconds + c.bound_seconds + c.split_seconds + c.dice_seconds + c.sample_seconds;
+  const double found =
+      way.desc.pipeline == GPURT_PIPELINE_PATH ? s.trace_seconds : cut_to_sampled_seconds(s.reyes_counters);
+  const double wall = s.generate_seconds + found;
   return wall * way.cpu.back() / s.render_seconds;
 }
 
@@ -208,8 +206,7 @@ void run(const std::string &path, const Size &size, const Options &o, const Comm
     const gpurt_statistics &s = one.statistics;
     const gpurt_reyes_counters &c = s.reyes_counters;
     const double cpu = median(one.cpu);
-    const double visible =
-        (c.bound_seconds + c.split_seconds + c.dice_seconds + c.sample_seconds) * cpu / s.render_seconds;
+    const double visible = cut_to_sampled_seconds(c) * cpu / s.render_seconds;
     const double num = double(c.num_micropolygons);
     std::printf(
         "{\"bench\":\"reyes_cpu\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
@@ -224,10 +221,10 @@ void run(const std::string &path, const Size &size, const Options &o, const Comm
         "2f,"
         "\"times_faster_than_embree\":%.2f,\"times_faster_than_kdtree\":%.2f}\n",
         properties.name, name.c_str(), size.width, size.height, o.spp, double(o.rate), one.name, num,
-        1e3 * median(one.cpu), 1e-6 * num / visible, 1e-6 * num / median(one.cpu), 1e3 * c.bound_seconds,
-        1e3 * c.split_seconds, 1e3 * c.dice_seconds, 1e3 * c.sample_seconds, 1e3 * s.generate_seconds,
-        1e3 * s.shade_seconds, 1e3 * s.film_seconds, o.threads, 1e3 * median(one.wall),
-        1e3 * median(several.wall), 1e3 * median(several.cpu), median_ratio(one.wall, several.wall),
+        1e3 * cpu, 1e-6 * num / visible, 1e-6 * num / cpu, 1e3 * c.bound_seconds, 1e3 * c.split_seconds,
+        1e3 * c.dice_seconds, 1e3 * c.sample_seconds, 1e3 * s.generate_seconds, 1e3 * s.shade_seconds,
+        1e3 * s.film_seconds, o.threads, 1e3 * median(one.wall), 1e3 * median(several.wall),
+        1e3 * median(several.cpu), median_ratio(one.wall, several.wall),
         *std::min_element(one.wall.begin(), one.wall.end()) /
             *std::min_element(several.wall.begin(), several.wall.end()),
         1e3 * median(one.finding), 1e3 * median(ways[0].finding), median_ratio(ways[0].finding, one.finding),

@@ -1,9 +1,11 @@
-// Ends a benchmark that fails, with what failed; the clock of what it measures on the host.
+// Ends a benchmark that fails, with what failed; the clock of what it measures on the host, and the median of that.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <vector>
 
 #include "gpurt.h"
 
@@ -18,4 +20,11 @@ inline void check(gpurt_result result, const char *what)
 inline double now()
 {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// Of an even number the upper one of the two in the middle. `values` must not be empty.
+inline double median(std::vector<double> values)
+{
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
 }
