@@ -80,6 +80,37 @@ GPURT_INLINE bool is_nominal(const Piece &p, uint32_t i, uint32_t j, uint32_t ku
   return ku == p.u + (i << (p.u_bits - p.grid_u)) && kv == p.v + (j << (p.v_bits - p.grid_v));
 }
 
+// Moves the places of the rim that are not vertices of their isolines. Where an isoline has as many vertices as the grid has
+// places, only its ends may be elsewhere.
+GPURT_HD inline void mend_rim(const RasterPatch &patch, const Piece &p, Grid &g)
+{
+  const auto mend = [&](uint32_t i, uint32_t j) {
+    uint32_t ku, kv;
+    grid_parameters(p, i, j, ku, kv);
+    if (is_nominal(p, i, j, ku, kv)) return;
+    const uint32_t k = j * (g.num_u + 1) + i;
+    const RasterPoint q = patch_point(patch, ku, kv);
+    g.hx[k] = q.x;
+    g.hy[k] = q.y;
+    g.hw[k] = q.w;
+    g.u[k] = parameter(ku);
+    g.v[k] = parameter(kv);
+  };
+  for (uint32_t e = 0; e < 4; ++e) {
+    const bool along_u = e < 2;
+    const uint32_t n = along_u ? g.num_u : g.num_v,
+                   step = along_u ? p.u_bits - p.grid_u : p.v_bits - p.grid_v;
+    const uint32_t at = (e & 1) == 0 ? 0 : (along_u ? g.num_v : g.num_u);
+    // Corners belong to the edges along u.
+    if (along_u) {
+      mend(0, at);
+      mend(n, at);
+    }
+    if (p.edge[e] <= step) continue;
+    for (uint32_t k = 1; k < n; ++k) mend(along_u ? k : at, along_u ? at : k);
+  }
+}
+
 // All vertices of a piece, one after another: what a warp does side by side.
 GPURT_HD inline void dice_piece(const RasterPatch &patch, const Piece &p, const RasterProjection &projection,
                                 Grid &g)
@@ -112,27 +143,7 @@ GPURT_HD inline void dice_piece(const RasterPatch &patch, const Piece &p, const 
       g.v[first + i] = kv;
     }
   }
-  // The rim: only places that are not vertices of their isolines move.
-  const auto mend = [&](uint32_t i, uint32_t j) {
-    uint32_t ku, kv;
-    grid_parameters(p, i, j, ku, kv);
-    if (is_nominal(p, i, j, ku, kv)) return;
-    const uint32_t k = j * width + i;
-    const RasterPoint q = patch_point(patch, ku, kv);
-    g.hx[k] = q.x;
-    g.hy[k] = q.y;
-    g.hw[k] = q.w;
-    g.u[k] = parameter(ku);
-    g.v[k] = parameter(kv);
-  };
-  for (uint32_t i = 0; i <= g.num_u; ++i) {
-    mend(i, 0);
-    mend(i, g.num_v);
-  }
-  for (uint32_t j = 1; j < g.num_v; ++j) {
-    mend(0, j);
-    mend(g.num_u, j);
-  }
+  mend_rim(patch, p, g);
   const uint32_t n = width * (g.num_v + 1);
   uint32_t in_front = 1;
   for (uint32_t k = 0; k < n; ++k) {

@@ -9,18 +9,12 @@
 #include "core/reyes/map.h"
 #include "cpu/path/serial_executor.h"
 #include "cpu/reyes/fragments.h"
+#include "cpu/reyes/places.h"
 #include "cpu/reyes/reyes_kernel.h"
 
 namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
 namespace {
-
-// The ray from the eye through the place of sample k of a bucket.
-Ray ray_of_sample(const Camera &camera, const ReyesMemory &memory, const PathSample &s, uint32_t k)
-{
-  float depth_per_t;
-  return camera_ray(camera, float(s.x) + memory.place_x[k], float(s.y) + memory.place_y[k], depth_per_t);
-}
 
 // Path tracing's stages for hits that are known.
 class HitExecutor : public SerialExecutor {

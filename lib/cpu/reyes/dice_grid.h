@@ -42,37 +42,6 @@ inline void dice_columns(const RasterPatch &patch, const Piece &p, uint32_t widt
   }
 }
 
-// Moves the places of the rim that are not vertices of their isolines. Where an isoline has as many vertices as the grid has
-// places, only its ends may be elsewhere.
-inline void mend_rim(const RasterPatch &patch, const Piece &p, Grid &g)
-{
-  const auto mend = [&](uint32_t i, uint32_t j) {
-    uint32_t ku, kv;
-    grid_parameters(p, i, j, ku, kv);
-    if (is_nominal(p, i, j, ku, kv)) return;
-    const uint32_t k = j * (g.num_u + 1) + i;
-    const RasterPoint q = patch_point(patch, ku, kv);
-    g.hx[k] = q.x;
-    g.hy[k] = q.y;
-    g.hw[k] = q.w;
-    g.u[k] = parameter(ku);
-    g.v[k] = parameter(kv);
-  };
-  for (uint32_t e = 0; e < 4; ++e) {
-    const bool along_u = e < 2;
-    const uint32_t n = along_u ? g.num_u : g.num_v,
-                   step = along_u ? p.u_bits - p.grid_u : p.v_bits - p.grid_v;
-    const uint32_t at = (e & 1) == 0 ? 0 : (along_u ? g.num_v : g.num_u);
-    // Corners belong to the edges along u.
-    if (along_u) {
-      mend(0, at);
-      mend(n, at);
-    }
-    if (p.edge[e] <= step) continue;
-    for (uint32_t k = 1; k < n; ++k) mend(along_u ? k : at, along_u ? at : k);
-  }
-}
-
 inline void dice_grid(const RasterPatch &patch, const Piece &p, const RasterProjection &projection, Grid &g)
 {
   const uint32_t width = (1u << p.grid_u) + 1;

@@ -182,6 +182,13 @@ class Places {
   SampleBlock block_{};
 };
 
+// The ray from the eye through the place of sample k of a bucket.
+Ray ray_of_sample(const Camera &camera, const ReyesMemory &memory, const PathSample &s, uint32_t k)
+{
+  float depth_per_t;
+  return camera_ray(camera, float(s.x) + memory.place_x[k], float(s.y) + memory.place_y[k], depth_per_t);
+}
+
 }  // namespace
 GPURT_FUNCTIONS_END
 }  // namespace gpurt

@@ -4,6 +4,7 @@
 
 #include "core/path/path_wave.h"
 #include "core/reyes/map.h"
+#include "cpu/reyes/places.h"
 #include "cpu/reyes/reyes_kernel.h"
 
 namespace gpurt {
@@ -28,9 +29,7 @@ void shade_samples(const ReyesScene &scene, const PathSettings &settings, const 
     PathSample s = path_sample(unit, p);
     for (uint32_t turn = 0; turn < bucket.num_samples; ++turn, ++s.sample) {
       const uint32_t k = turn * num_pixels + p, slot = memory.slot[k], root = memory.root[slot];
-      float depth_per_t;
-      const Ray ray = camera_ray(settings.camera, float(s.x) + memory.place_x[k],
-                                 float(s.y) + memory.place_y[k], depth_per_t);
+      const Ray ray = ray_of_sample(settings.camera, memory, s, k);
       const Hit hit =
           hit_of_sample(scene, settings.camera, ray, root, memory.z[slot], {memory.u[slot], memory.v[slot]});
       if (has_features) {
