@@ -135,7 +135,14 @@ class CudaScene final : public CommittedScene, public StreamTracing {
                                   device_->memory, device_->lanes);
   }
 
-  void require_reyes() const override {}
+  void require_reyes() const override
+  {
+    if (!compiled_->has_blending) return;
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "the scene has materials that blend, which this version's REYES has on CPU devices alone; use one, "
+         "set "
+         "blends to 0, or use GPURT_PIPELINE_PATH");
+  }
 
   ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings) const override
   {
@@ -216,11 +223,6 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
     if (options.accel == Accel::Embree) {
       fail(GPURT_ERROR_UNSUPPORTED,
            "embree is an accelerator of the CPU; on a CUDA device use GPURT_ACCEL_BVH or GPURT_ACCEL_KDTREE");
-    }
-    if (scene->has_blending) {
-      fail(GPURT_ERROR_UNSUPPORTED,
-           "the scene has materials that blend, which this version has on CPU devices alone; use one, or set "
-           "blends to 0");
     }
     switch (options.accel) {
       case Accel::Bvh:

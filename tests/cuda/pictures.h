@@ -152,6 +152,75 @@ inline void fill_everything(gpurt_scene scene)
   add_camera(scene, {0, 0.2f, 4.5f}, 0.8f);
 }
 
+/// A sheet that lets part of light pass: as its texture says, which has all of 0 to 1, where it has one.
+inline uint32_t add_veil(gpurt_scene scene, gpurt_material_type type, float alpha, uint32_t texture = 0,
+                         std::array<float, 3> emission = {0, 0, 0})
+{
+  gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
+  desc.type = type;
+  desc.alpha = alpha;
+  desc.blends = 1;
+  desc.base_color_texture = texture;
+  desc.two_sided_emission = 1;
+  std::memcpy(desc.emission, emission.data(), sizeof desc.emission);
+  uint32_t id = 0;
+  GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &desc, &id));
+  return id;
+}
+
+/// The Cornell box with sheets that blend in it, one of them a lamp: all in the world, so that kernels have masks alone.
+inline void fill_veiled_box(gpurt_scene scene)
+{
+  fill_cornell_box(scene);
+  for (int i = 0; i < 5; ++i) {
+    const float z = 0.3f * float(i) - 0.5f, alpha = 0.1f + 0.2f * float(i);
+    const gpurt_material_type type = i == 1 ? GPURT_MATERIAL_MIRROR : GPURT_MATERIAL_LAMBERT;
+    add_mesh(scene,
+             quad({-0.8f, -0.9f, z}, {0.7f, -0.9f, z}, {0.7f, 0.6f, z + 0.2f}, {-0.8f, 0.6f, z + 0.2f}),
+             add_veil(scene, type, alpha));
+  }
+  add_mesh(scene, quad({-0.9f, 0, -0.5f}, {-0.9f, 0, 0.5f}, {-0.9f, 0.5f, 0.5f}, {-0.9f, 0.5f, -0.5f}),
+           add_veil(scene, GPURT_MATERIAL_LAMBERT, 0.3f, 0, {3, 4, 5}));
+}
+
+/// Everything, and sheets, balls and lamps that blend, textured and shared.
+inline void fill_veiled_everything(gpurt_scene scene)
+{
+  fill_everything(scene);
+  Random random(17);
+  std::vector<uint8_t> texels(32 * 32 * 4);
+  for (uint8_t &t : texels) t = uint8_t(random.bits() >> 24);
+  const uint32_t texture = add_texture(scene, GPURT_TEXTURE_RGBA8_SRGB, 32, 32, texels.data(),
+                                       GPURT_WRAP_REPEAT, GPURT_FILTER_LINEAR);
+  const auto add = [&](Mesh mesh, uint32_t material) {
+    std::vector<std::array<float, 2>> uvs;
+    for (const Vec &v : mesh.vertices) uvs.push_back({1.7f * v[0], 1.7f * (v[1] + v[2])});
+    gpurt_mesh_desc desc = GPURT_MESH_DESC_INIT;
+    desc.material = material;
+    desc.vertices.data = mesh.vertices.data();
+    desc.vertices.count = mesh.vertices.size();
+    desc.indices.data = mesh.triangles.data();
+    desc.indices.count = mesh.triangles.size();
+    desc.uvs.data = uvs.data();
+    desc.uvs.count = uvs.size();
+    uint32_t geometry = 0;
+    GPURT_EXPECT_OK(gpurt_scene_add_mesh(scene, &desc, &geometry));
+    return geometry;
+  };
+  place(scene,
+        add(quad({-3, -1, 1.2f}, {3, -1, 1.2f}, {3, 1.5f, 1.2f}, {-3, 1.5f, 1.2f}),
+            add_veil(scene, GPURT_MATERIAL_LAMBERT, 0.6f, texture)),
+        {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0});
+  const uint32_t balls[] = {
+      add(icosphere(2), add_veil(scene, GPURT_MATERIAL_GLASS, 0.5f)),
+      add(icosphere(2), add_veil(scene, GPURT_MATERIAL_METAL, 0.9f, texture)),
+      add(icosphere(1), add_veil(scene, GPURT_MATERIAL_LAMBERT, 0.7f, texture, {5, 4, 2}))};
+  for (int i = 0; i < 6; ++i) {
+    const float s = i % 3 == 2 ? 0.1f : 0.35f, x = float(i) - 2.5f;
+    place(scene, balls[i % 3], {i % 2 ? s : -s, 0, 0, x, 0, s, 0, 0.1f, 0, 0, s, 0.7f});
+  }
+}
+
 constexpr uint32_t error_outputs = 1u << GPURT_OUTPUT_BIAS | 1u << GPURT_OUTPUT_ERROR;  // of photon mapping
 constexpr uint32_t all_outputs =
     ((1u << GPURT_OUTPUT_COUNT) - 1) & ~(1u << GPURT_OUTPUT_TIME) & ~error_outputs;

@@ -153,8 +153,11 @@ inline RayTargets fill_city(gpurt_scene scene)
   return targets;
 }
 
-/// Leaves with holes: quads whose alpha comes from a texture, once and shared.
-inline RayTargets fill_foliage(gpurt_scene scene)
+/// What the alpha of leaves is: where they are, or how much of light they let pass.
+enum class Leaves { Mask, Blend };
+
+/// Quads whose alpha comes from a texture, in the world or shared.
+inline RayTargets fill_leaves(gpurt_scene scene, Leaves kind, bool is_shared)
 {
   std::vector<uint8_t> texels(64 * 64 * 4, 255);
   Random random(11);
@@ -165,7 +168,8 @@ inline RayTargets fill_foliage(gpurt_scene scene)
   uint32_t texture_id, material_id;
   GPURT_EXPECT_OK(gpurt_scene_add_texture(scene, &texture, &texture_id));
   gpurt_material_desc material = GPURT_MATERIAL_DESC_INIT;
-  material.alpha_cutoff = 0.5f;
+  material.alpha_cutoff = kind == Leaves::Mask ? 0.5f : 0.0f;
+  material.blends = kind == Leaves::Blend;
   material.base_color_texture = texture_id;
   GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &material, &material_id));
   Mesh leaves;
@@ -190,7 +194,7 @@ inline RayTargets fill_foliage(gpurt_scene scene)
   uint32_t geometry;
   GPURT_EXPECT_OK(gpurt_scene_add_mesh(scene, &desc, &geometry));
   RayTargets targets;
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < (is_shared ? 3 : 1); ++i) {
     const float x = float(10 * i);
     place(scene, geometry, {1, 0, 0, x, 0, 1, 0, 0, 0, 0, 1, 0});
     Mesh world = leaves;
@@ -202,12 +206,14 @@ inline RayTargets fill_foliage(gpurt_scene scene)
   return targets;
 }
 
+inline RayTargets fill_foliage(gpurt_scene scene) { return fill_leaves(scene, Leaves::Mask, true); }
+inline RayTargets fill_veils(gpurt_scene scene) { return fill_leaves(scene, Leaves::Blend, false); }
+inline RayTargets fill_shared_veils(gpurt_scene scene) { return fill_leaves(scene, Leaves::Blend, true); }
+
 inline std::vector<TestScene> test_scenes()
 {
-  return {{"icosphere", fill_icosphere},
-          {"terrain", fill_terrain},
-          {"city", fill_city},
-          {"foliage", fill_foliage}};
+  return {{"icosphere", fill_icosphere}, {"terrain", fill_terrain}, {"city", fill_city},
+          {"foliage", fill_foliage},     {"veils", fill_veils},     {"shared_veils", fill_shared_veils}};
 }
 
 /// Planes of the world-space tree, read back from the tree itself; none where the scene has only shared geometry.

@@ -80,6 +80,17 @@ TEST(CudaImages, OfEverythingHaveTheBitsOfTheCpu)
                    big_picture(), accel);
 }
 
+// Surfaces that blend are met by chance: a function of ray and triangle.
+TEST(CudaImages, OfSurfacesThatBlendHaveTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  for (void (*fill)(gpurt_scene) : {fill_veiled_box, fill_veiled_everything}) {
+    for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+      compare_images(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill, big_picture(),
+                     accel);
+  }
+}
+
 // Waves must shrink until they fit; the image may not change.
 TEST(CudaImages, AreTheSameInLittleMemory)
 {
@@ -121,7 +132,7 @@ TEST(CudaPair, RendersTheBitsOfOneDevice)
 {
   if (num_cuda_devices() < 2) GTEST_SKIP() << "no two CUDA devices";
   for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH}) {
-    for (void (*fill)(gpurt_scene) : {fill_cornell_box, fill_everything})
+    for (void (*fill)(gpurt_scene) : {fill_cornell_box, fill_everything, fill_veiled_everything})
       compare_images(make_device(GPURT_DEVICE_CUDA), make_cuda_devices({0, 1}), fill, big_picture(), accel);
   }
 }
@@ -185,6 +196,12 @@ TEST(Images, OfEverythingDoNotDependOnTheNumberOfThreads)
   for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
     compare_images(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_everything,
                    picture(48, 40, 8), accel);
+}
+
+TEST(Images, OfSurfacesThatBlendDoNotDependOnTheNumberOfThreads)
+{
+  compare_images(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_veiled_everything,
+                 picture(48, 40, 8), GPURT_ACCEL_BVH);
 }
 
 }  // namespace

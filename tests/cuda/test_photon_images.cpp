@@ -157,6 +157,17 @@ TEST(CudaPhotonImages, WithStatisticsOfPixelsHaveTheBitsOfTheCpu)
   }
 }
 
+TEST(CudaPhotonImages, OfSurfacesThatBlendHaveTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device cpu = make_device(GPURT_DEVICE_CPU), cuda = make_device(GPURT_DEVICE_CUDA);
+  for (void (*fill)(gpurt_scene) : {fill_veiled_box, fill_veiled_everything}) {
+    for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+      compare_passes(cpu, cuda, fill, picture(), accel);
+  }
+  compare_estimator(cpu, cuda, fill_veiled_everything, GPURT_PHOTON_ESTIMATOR_PER_PIXEL);
+}
+
 TEST(CudaPhotonImages, OfEverythingHaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";

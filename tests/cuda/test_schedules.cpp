@@ -347,6 +347,8 @@ TEST(CudaSchedules, OfRendersGiveTheSameImages)
   for (const gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH}) {
     compare_renders(device, fill_cornell_box, accel, 0, o);
     compare_renders(device, fill_everything, accel, all_outputs, o);
+    compare_renders(device, fill_veiled_box, accel, 0, o);
+    compare_renders(device, fill_veiled_everything, accel, all_outputs, o);
   }
 }
 

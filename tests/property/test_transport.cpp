@@ -23,11 +23,27 @@ Mesh sloping_floor(float slope)
   return mesh;
 }
 
-class Transport : public testing::TestWithParam<gpurt_accel> {};
-INSTANTIATE_TEST_SUITE_P(Accels, Transport, testing::Values(GPURT_ACCEL_KDTREE, GPURT_ACCEL_EMBREE),
-                         [](const auto &info) {
-                           return info.param == GPURT_ACCEL_KDTREE ? "kdtree" : "embree";
-                         });
+struct Method {
+  const char *name;
+  gpurt_device_type device;
+  gpurt_accel accel;
+};
+
+class Transport : public testing::TestWithParam<Method> {
+ protected:
+  void SetUp() override
+  {
+    if (GetParam().device == GPURT_DEVICE_CUDA && !has_cuda()) GTEST_SKIP() << "no CUDA device";
+  }
+  Device make_device() const { return gpurt_test::make_device(GetParam().device); }
+  gpurt_accel accel() const { return GetParam().accel; }
+};
+INSTANTIATE_TEST_SUITE_P(Accels, Transport,
+                         testing::Values(Method{"kdtree", GPURT_DEVICE_CPU, GPURT_ACCEL_KDTREE},
+                                         Method{"embree", GPURT_DEVICE_CPU, GPURT_ACCEL_EMBREE},
+                                         Method{"cuda_kdtree", GPURT_DEVICE_CUDA, GPURT_ACCEL_KDTREE},
+                                         Method{"cuda_bvh", GPURT_DEVICE_CUDA, GPURT_ACCEL_BVH}),
+                         [](const auto &info) { return info.param.name; });
 
 // Two sheets in front of each other take their opacity's share of what is behind: of light seen, of shadows, and of lamps
 // that are drawn.
@@ -54,7 +70,7 @@ TEST_P(Transport, SheetsThatBlendTakeTheirShare)
   sheet(seen, -1, 0.5f, 0);
   set_environment(seen, 1);
   add_camera(seen, {0, 0, 2}, 0.6f);
-  commit(seen, GetParam());
+  commit(seen, accel());
   Frame frame = make_frame(seen, o);
   render(frame, o);
   // A sample's variance is at most 1.
@@ -75,7 +91,7 @@ TEST_P(Transport, SheetsThatBlendTakeTheirShare)
     uint32_t id;
     GPURT_ASSERT_OK(gpurt_scene_add_light(wall, &light, &id));
     add_camera(wall, {0, 0, eye}, 0.6f);
-    commit(wall, GetParam());
+    commit(wall, accel());
     Frame lit = make_frame(wall, o);
     render(lit, o);
     const double expected = eye < 0 ? 0.6 : 0.36;
@@ -91,7 +107,7 @@ TEST_P(Transport, SheetsThatBlendTakeTheirShare)
     sheet(lamp, 2, alpha, 1);
     add_mesh(lamp, quad({-4, -4, -3}, {4, -4, -3}, {4, 4, -3}, {-4, 4, -3}));
     add_camera(lamp, {0, 0, 1}, 0.6f);
-    commit(lamp, GetParam());
+    commit(lamp, accel());
     Frame lit = make_frame(lamp, o);
     render(lit, o);
     const double m = mean(read_color(lit, o));
@@ -109,7 +125,7 @@ TEST_P(Transport, FurnaceOfAWhiteSphereUnderAUnitSkyIsOne)
   add_mesh(scene, icosphere(4), add_material(scene, GPURT_MATERIAL_LAMBERT, {1, 1, 1}));
   set_environment(scene, 1);
   add_camera(scene, {0, 0, 4}, 0.6f);
-  commit(scene, GetParam());
+  commit(scene, accel());
   const RenderOptions o{.spp = 64};
   Frame frame = make_frame(scene, o);
   render(frame, o);
@@ -130,7 +146,7 @@ TEST_P(Transport, ClosedSphereWithAPointLightSumsTheGeometricSeries)
   uint32_t id;
   GPURT_ASSERT_OK(gpurt_scene_add_light(scene, &light, &id));
   add_camera(scene, {0, 0, 0.1f}, 1.0f);
-  commit(scene, GetParam());
+  commit(scene, accel());
   for (const uint32_t depth : {2u, 3u, 17u}) {
     const RenderOptions o{.spp = 256, .max_depth = depth};
     Frame frame = make_frame(scene, o);
@@ -177,7 +193,7 @@ TEST_P(Transport, DistantLightOnAFloorIsExact)
         SCOPED_TRACE(testing::Message()
                      << "triangle test " << test << ", slope " << slope << ", light " << i);
         const float z = 0.1f * float(i), r = std::sqrt(1 - z * z), angle = 2.4f * float(i);
-        expect_exact_floor(device, GetParam(), test, slope, {r * std::cos(angle), r * std::sin(angle), -z});
+        expect_exact_floor(device, accel(), test, slope, {r * std::cos(angle), r * std::sin(angle), -z});
       }
     }
   }
@@ -195,7 +211,7 @@ TEST_P(Transport, SquareLampMatchesTheFormFactor)
   add_mesh(scene, quad({-1, -1, 2}, {-1, 1, 2}, {1, 1, 2}, {1, -1, 2}),
            add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}, {3, 3, 3}));
   add_camera(scene, {0, 0, 1}, 0.005f);
-  commit(scene, GetParam());
+  commit(scene, accel());
   const RenderOptions o{.width = 8, .height = 8, .spp = 1024};
   Frame frame = make_frame(scene, o);
   render(frame, o);
@@ -216,7 +232,7 @@ TEST_P(Transport, GlassAndMirrorUnderAUnitSkyAreInvisible)
            add_material(scene, GPURT_MATERIAL_MIRROR, {1, 1, 1}));
   set_environment(scene, 1);
   add_camera(scene, {1, 0, 6}, 0.7f);
-  commit(scene, GetParam());
+  commit(scene, accel());
   const RenderOptions o{.spp = 64, .max_depth = 256};
   Frame frame = make_frame(scene, o);
   render(frame, o);

@@ -32,7 +32,14 @@ class ReyesRows : public Stability {
     fill(scene);
     gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
     build.accel = GPURT_ACCEL_BVH;
-    const gpurt_result result = gpurt_scene_commit(scene, &build);
+    GPURT_EXPECT_OK(gpurt_scene_commit(scene, &build));
+    const RenderOptions o = reyes_options(1, 1);
+    const Frame frame = make_frame(scene, o);
+    gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+    desc.pipeline = GPURT_PIPELINE_REYES;
+    desc.samples_per_pixel = 1;
+    Job job;
+    const gpurt_result result = gpurt_frame_submit(frame, &desc, nullptr, 0, job.out());
     if (result == GPURT_OK) return true;
     EXPECT_TRUE(method().is_cuda());
     EXPECT_EQ(result, GPURT_ERROR_UNSUPPORTED) << gpurt_last_error();
