@@ -20,6 +20,7 @@ namespace {
 
 struct ScheduleOptions {
   std::string scene, accel = "kdtree", only;
+  std::vector<std::string> names;  // empty: all
   uint32_t repeats = 5, samples = 16;
   uint64_t ray_budget = 0;
   RaySetOptions rays;
@@ -82,6 +83,28 @@ std::vector<NamedSchedule> pipeline_schedules(const ScheduleOptions &o)
     s.ray_budget = o.ray_budget != 0 ? o.ray_budget : uint64_t(1) << 18;
   });
   return all;
+}
+
+// Those that were asked for, in the table's order.
+std::vector<NamedSchedule> wanted(std::vector<NamedSchedule> all, const ScheduleOptions &o)
+{
+  if (o.names.empty()) return all;
+  std::erase_if(all, [&](const NamedSchedule &s) {
+    return std::find(o.names.begin(), o.names.end(), s.name) == o.names.end();
+  });
+  return all;
+}
+
+void check_names(const ScheduleOptions &o)
+{
+  const std::vector<NamedSchedule> all = pipeline_schedules(o);
+  for (const std::string &name : o.names) {
+    const auto is_it = [&](const NamedSchedule &s) { return s.name == name; };
+    if (std::any_of(all.begin(), all.end(), is_it)) continue;
+    std::string known;
+    for (const NamedSchedule &s : all) known += fmt::format("{}\"{}\"", known.empty() ? "" : ", ", s.name);
+    fail_usage("there is no schedule \"{}\"; there are {}", name, known);
+  }
 }
 
 // What a kernel's line tells; those that ran between two listings.
@@ -370,6 +393,7 @@ void run(ScheduleOptions o)
   if (o.device.device == "cpu")
     fail_usage(
         "bench schedule compares schedules of CUDA devices, and the CPU device has one; use --device cuda");
+  check_names(o);
   const SceneFile file(o);
   const Device device = o.device.create(GPURT_DEVICE_CUDA);
   const gpurt_device_properties properties = properties_of(device);
@@ -387,11 +411,12 @@ void run(ScheduleOptions o)
   for (const RaySet &set : o.only == "renders" ? std::vector<RaySet>() : make_ray_sets(scene, o.rays)) {
     if (set.rays.empty()) continue;
     report.begin(fmt::format("{} rays", set.name).c_str(), "Mrays/s");
-    for (const NamedSchedule &s : traversals())
+    for (const NamedSchedule &s : wanted(traversals(), o))
       report.add(s, measure_query(device, scene, set, s.schedule, o.repeats), double(set.rays.size()));
   }
   if (o.only != "queries") report.begin("renders", "Msamples/s");
-  for (const NamedSchedule &s : o.only != "queries" ? pipeline_schedules(o) : std::vector<NamedSchedule>()) {
+  const std::vector<NamedSchedule> none;
+  for (const NamedSchedule &s : o.only != "queries" ? wanted(pipeline_schedules(o), o) : none) {
     const Measured m = measure_render(device, scene, o, s.schedule);
     report.add(s, m, double(m.result.size() / (3 * sizeof(float))) * o.samples);
   }
@@ -427,6 +452,11 @@ Examples:
   command->add_option("--only", o->only, "queries or renders; by default both")
       ->check(CLI::IsMember({"queries", "renders"}))
       ->type_name("WHAT");
+  command
+      ->add_option("--schedule", o->names,
+                   "a schedule by its name in the table; may be given several times; by default all")
+      ->type_name("NAME")
+      ->allow_extra_args(false);
   command->add_option("--ray-budget", o->ray_budget, "of counted generation; default 262144")
       ->check(CLI::Range(uint64_t(2), uint64_t(1) << 40));
   command->add_option("--width", o->rays.width, "of the camera's image; default 1024")
