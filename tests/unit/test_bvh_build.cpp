@@ -53,7 +53,7 @@ TEST(BvhBuild, NodesContainTheirBoxes)
     }
     // Every other frame asks for no margin.
     const BvhFrame frame{center, scale, i % 2 ? 32 * scale : 0.0f};
-    const double margin = frame.reach * 0x1p-20;
+    const double margin = frame.reach * bvh_margin;
     const BvhBoxes made = boxes_of(make_bvh_node(box[0], 1, box[1], 2, frame), frame);
     for (int c = 0; c < 2; ++c) {
       for (int k = 0; k < 3; ++k) {

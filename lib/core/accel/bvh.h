@@ -27,13 +27,16 @@ struct alignas(16) BvhNode {
   uint32_t reserved;
 };
 
-// What a tree's nodes count from. Boxes are stored larger by 2^-20 reach on each side, which is what traversal may be off
-// by for a ray whose origin is within `reach` of all of the tree along each axis (near_ray.h).
+// What a tree's nodes count from. Boxes are stored larger by bvh_margin on each side, which is what traversal may be off by for a
+// ray whose origin is within half of `reach` of all of the tree along each axis (near_ray.h). A ray that starts on a surface
+// meets the boxes of what lies within the margin around it, so that both are no larger than they have to be.
 struct BvhFrame {
   Vec3f center;       // coordinates far from the origin cost no bits
   float half_extent;  // the largest distance from the centre along an axis, or a little more
   float reach;        // 0: sizes are so large or small that products might lose bits; no ray is near
 };
+
+constexpr double bvh_margin = 0x1.4p-21;  // of reach
 
 struct BvhView {
   const BvhNode *nodes;
@@ -51,7 +54,7 @@ GPURT_INLINE BvhFrame make_bvh_frame(const Box &bounds)
   const float half_extent =
       max(max_component(bounds.hi - center), max_component(center - bounds.lo)) * (1.0f + 0x1p-22f);
   const bool is_ordinary = half_extent >= 0x1p-50f && half_extent <= 0x1p45f;
-  return {center, half_extent, is_ordinary ? 32.0f * half_extent : 0.0f};
+  return {center, half_extent, is_ordinary ? 16.0f * half_extent : 0.0f};
 }
 
 GPURT_INLINE bool is_bvh_leaf(uint32_t child) { return (child & bvh_leaf_bit) != 0; }

@@ -33,7 +33,7 @@ GPURT_HD inline BvhNode make_bvh_node(const Box &box0, uint32_t child0, const Bo
   BvhNode node = {};
   node.child0 = child0;
   node.child1 = child1;
-  const double margin = double(frame.reach) * 0x1p-20;
+  const double margin = double(frame.reach) * bvh_margin;
   for (int k = 0; k < 3; ++k) {
     float middle0, middle1;
     uint32_t half0, half1;

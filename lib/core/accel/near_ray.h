@@ -4,9 +4,9 @@
 // It serves rays of the watertight test whose origin is near the tree: boxes are stored larger by what rounding takes up
 // to there, so that a box needs no widening of its own. Other rays, which are few, go the general way.
 //
-// In the terms of bvh_traverse.h, with M no more than half of the frame's reach, boxes are larger by 2^-20 reach = 32 eps M
-// on each side. Of these 7 eps M are the triangle test's, 7 those of the box test's roundings with a reciprocal that is
-// off by 1 ulp, and 5 those of taking tmin, of at most 4 M/|d_z|, from every distance.
+// In the terms of bvh_traverse.h, with M no more than half of the frame's reach, boxes are larger by 20 eps M on each side. Of
+// these 7 eps M are the triangle test's; 7 those of the box test's roundings with a reciprocal that is off by 1 ulp; and 3 those of
+// taking tmin, of at most M/|d_z|, from every distance: three sums are rounded, each by eps of what it then has of tmin.
 #pragma once
 
 #include "core/accel/bvh_traverse.h"
@@ -107,7 +107,7 @@ GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float t_
   // Not a number if one of them is none, which comparisons of the largest may miss.
   const float sum = (magnitude.x + magnitude.y + magnitude.z) + (distance.x + distance.y + distance.z);
   if (!(largest >= 0x1p-40f && largest <= 0x1p40f && sum < infinity && 2.0f * n.farthest <= frame.reach &&
-        ray.tmin <= ray.tmax && abs(ray.tmin) * largest <= 4.0f * n.farthest))
+        ray.tmin <= ray.tmax && abs(ray.tmin) * largest <= n.farthest))
     return false;
   r.main_axis = main_axis_of(ray.direction);
   const int kx = r.main_axis == 2 ? 0 : r.main_axis + 1, ky = kx == 2 ? 0 : kx + 1;
