@@ -299,8 +299,7 @@ typedef struct gpurt_material_desc {
   float emission[3];           /* radiance, W/(m^2 sr) up to the lights' scale; zero: not a lamp */
   uint32_t base_color_texture; /* multiplies base_color; 0: none */
   uint32_t two_sided_emission; /* 0: emits from the counter-clockwise side alone; 1: from both */
-  uint32_t blends; /* 1: alpha is opacity: of light, 1 - alpha passes straight on; wants alpha_cutoff 0.
-                      This version: CPU devices; a CUDA device's commit is UNSUPPORTED */
+  uint32_t blends; /* 1: alpha is opacity: of light, 1 - alpha passes straight on; wants alpha_cutoff 0 */
 } gpurt_material_desc;
 #define GPURT_MATERIAL_DESC_INIT \
   {sizeof(gpurt_material_desc), GPURT_MATERIAL_LAMBERT, {1, 1, 1}, 1, 0, 1, 0, {0, 0, 0}, 0, 0, 0}
@@ -354,10 +353,12 @@ typedef struct gpurt_patches_desc {
 GPURT_API gpurt_result gpurt_scene_set_vertices(gpurt_scene scene, uint32_t geometry,
                                                 const gpurt_array *vertices, const gpurt_array *normals);
 
-/** Adds bicubic Bezier patches. For rays they are tessellated at commit, to gpurt_build_desc.patch_tolerance.
+/** Adds bicubic Bezier patches. For rays they are tessellated at commit, to gpurt_build_desc.patch_tolerance or
+ *  patch_pixels.
  *
  *  Each patch becomes cells of two triangles, as many as it needs; neighbours that share boundary points, in this geometry
- *  or in another one, leave no cracks. The primitive of a hit is one of these triangles, which go patch by patch.
+ *  or in another one, leave no cracks. The primitive of a hit is one of these triangles, which go patch by patch;
+ *  gpurt_scene_locate tells the patch and the place on it.
  *  Errors: INVALID_ARGUMENT naming the first control point that is not finite; at commit, for a tolerance that takes
  *  more than 2^28 triangles.
  */
@@ -517,10 +518,17 @@ typedef struct gpurt_build_desc {
   float traversal_cost;  /* kdtree: cost of a step in units of a triangle test; 0: the library's choice */
   float empty_bonus;     /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
   float patch_tolerance; /* largest distance, in metres of the world, between a patch and its triangles;
-                                  0: 1e-4 of the diagonal of the patches' bounds */
+                                  0: 1e-4 of the diagonal of the patches' bounds, or none with patch_pixels */
   gpurt_build_quality quality;
   const char *
       tree_cache_path; /* kdtree: reuse the tree of this file if it fits the scene, else build and write it */
+  /* > 0: largest distance between a patch and its triangles in pixels of a picture: patches have fewer triangles the
+   * further away they are. It holds for what the picture shows directly, wherever the patch is placed; what is seen in
+   * mirrors or casts shadows has the triangles that its depth asks for. With patch_tolerance too, the smaller one holds. */
+  float patch_pixels;
+  uint32_t patch_camera; /* with patch_pixels: whose picture it is */
+  uint32_t patch_width;  /* with patch_pixels: of the picture; 0: what the camera says, else 512 */
+  uint32_t patch_height;
 } gpurt_build_desc;
 #define GPURT_BUILD_DESC_INIT \
   {sizeof(gpurt_build_desc), \
@@ -531,7 +539,11 @@ typedef struct gpurt_build_desc {
    0, \
    0, \
    GPURT_BUILD_QUALITY_AUTO, \
-   NULL}
+   NULL, \
+   0, \
+   0, \
+   0, \
+   0}
 
 /** Builds the acceleration structure of a scene; queries and renders that start later see it.
  *
@@ -581,10 +593,13 @@ typedef struct gpurt_scene_facts {
   uint32_t has_blending;      /* 1: a material blends */
   double patch_error;         /* no point of a patch of the last commit is further from its triangles, in
                                  metres of the world: proven, rounding to float left out */
+  /* The same in pixels of the picture of patch_pixels, for what the picture shows: at most patch_pixels, but infinite where
+   * the camera is so near to a patch's control points that no bound is proven; 0: patch_pixels was 0. */
+  double patch_error_pixels;
 } gpurt_scene_facts;
 #define GPURT_SCENE_FACTS_INIT \
   {sizeof(gpurt_scene_facts), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}, {0}, 0, 0, 0, 0, GPURT_ACCEL_AUTO, \
-   GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,   0}
+   GPURT_TRIANGLE_WATERTIGHT, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,   0,   0}
 
 /** Reads counts and facts of a scene: of the description as it is now, but triangles, patches and bounds as of the
  *  last commit. Before the first commit what a commit adds is zero. */
@@ -726,9 +741,11 @@ typedef struct gpurt_schedule_counters {
   uint64_t wave_splits;      /* COUNTED: times that a count was over the budget, so that a wave split */
   uint64_t device_ns;        /* queries: time on the device, without copies */
   uint64_t path_refills;     /* REFILLED: paths that started in the place of ones that had ended */
-  uint64_t reserved[4];      /* 0 */
+  uint64_t warp_steps;       /* count_lanes: steps of traversal, at nodes and triangles, as warps took them */
+  uint64_t lane_steps;       /* the same as lanes took them: of 32 warp_steps, the share of lanes that work */
+  uint64_t reserved[2];      /* 0 */
 } gpurt_schedule_counters;
-#define GPURT_SCHEDULE_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0, 0}}
+#define GPURT_SCHEDULE_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0}}
 
 /* ---- Ray queries -------------------------------------------------------- */
 
@@ -792,6 +809,10 @@ typedef struct gpurt_trace_desc {
                                             rays in host memory then go one after another */
   gpurt_coherence coherence;
   uint32_t image_width; /* rays are an image's, row by row, of this many: coherent ones go by tiles; 0: not */
+  /* 1: CLOSEST of CUDA devices also counts the lanes of warps that work, into out_counters, by kernels of their own: slower,
+   * with the same hits; 0: not. */
+  uint32_t count_lanes;
+  uint32_t reserved; /* 0 */
 } gpurt_trace_desc;
 #define GPURT_TRACE_DESC_INIT \
   {sizeof(gpurt_trace_desc), \
@@ -807,6 +828,8 @@ typedef struct gpurt_trace_desc {
    GPURT_SCHEDULE_INIT, \
    NULL, \
    GPURT_COHERENCE_AUTO, \
+   0, \
+   0, \
    0}
 
 /** Traces a batch of rays on all threads of the device and returns when it is done.
@@ -814,9 +837,41 @@ typedef struct gpurt_trace_desc {
  *  Alpha masks are holes. Rays with a zero or non-finite direction, a non-finite origin or tmin > tmax miss.
  *  Errors: INVALID_ARGUMENT, also for ALL where hits is too small (offsets are written: offsets[num_rays] is the
  *  capacity needed) and for a scene that was never committed; OUT_OF_MEMORY; DEVICE; UNSUPPORTED, also for a schedule
- *  that the device, the accelerator or the query does not have.
+ *  that the device, the accelerator or the query does not have, and for count_lanes where it does not exist.
  */
 GPURT_API gpurt_result gpurt_scene_trace(gpurt_scene scene, const gpurt_trace_desc *desc);
+
+/* ---- Hits on patches ------------------------------------------------------ */
+
+/* Where a hit lies on its patch. */
+typedef struct gpurt_patch_point {
+  uint32_t patch; /* of its geometry, in the order of the control points; GPURT_INVALID_ID: a miss */
+  float u, v;     /* in [0, 1], u along columns of control points, v along rows; of a miss 0 */
+} gpurt_patch_point;
+
+typedef struct gpurt_locate_desc {
+  uint32_t struct_size; /* set by GPURT_LOCATE_DESC_INIT */
+  gpurt_hit_format format;
+  uint64_t num_hits;
+  const void *hits;          /* [num_hits], in host memory, as gpurt_scene_trace wrote them */
+  uint32_t geometry;         /* COMPACT: the geometry of all hits; FULL: 0 */
+  uint32_t instance;         /* COMPACT: their instance, where positions or normals are wanted; else 0 */
+  gpurt_patch_point *points; /* [num_hits], in host memory */
+  /* float32 [num_hits][3], of the patch itself and not of its triangles, in the world; of a miss 0; NULL: not wanted. */
+  float *positions;
+  float *normals; /* float32 [num_hits][3]: unit length, along dS/du x dS/dv of the patch as it was added */
+} gpurt_locate_desc;
+#define GPURT_LOCATE_DESC_INIT {sizeof(gpurt_locate_desc), GPURT_HIT_FULL, 0, NULL, 0, 0, NULL, NULL, NULL}
+
+/** Finds the patches that hits lie on, and where on them.
+ *
+ *  The surface at (u, v) is no further from the hit than the commit's patch_error. Misses stay misses. Hits are those of the
+ *  scene's last commit, of any device.
+ *  Errors: INVALID_ARGUMENT naming the first hit that is on a mesh, or of a geometry, primitive or instance that the last
+ *  commit does not have, or whose u and v are no point of a triangle; for a scene that was never committed. Nothing is
+ *  written then.
+ */
+GPURT_API gpurt_result gpurt_scene_locate(gpurt_scene scene, const gpurt_locate_desc *desc);
 
 /* ---- Photon maps --------------------------------------------------------- */
 
@@ -1092,11 +1147,11 @@ typedef enum gpurt_reyes_filter {
   GPURT_REYES_FILTER_FORCE32 = 0x7fffffff
 } gpurt_reyes_filter;
 
-/* Where light is computed. A micropolygon's own light is that of the surface in the middle of its (u, v), from all points,
-   spots and distant lights; samples that see it have that light, rounded without bias to 9 bits of red and green, 8 of blue
-   and an exponent. It depends on the patch and the camera alone, not on tiles, threads, memory or samples. It wants a scene
-   of patches without meshes, lamps, environment and alpha masks, no_shadows, and a frame of no outputs but COLOR, ALPHA,
-   SAMPLE_COUNT and VARIANCE; else UNSUPPORTED. */
+/* Where light is computed. A micropolygon's own light is that of the surface in the middle of its (u, v); samples that see
+   it have that light, rounded without bias to 9 bits of red and green, 8 of blue and an exponent. It depends on the patch,
+   the camera and the samples' numbers alone, not on tiles, threads or memory. Frames have no outputs but COLOR, ALPHA,
+   SAMPLE_COUNT and VARIANCE then. CUDA devices want no_shadows and a scene of patches without meshes, lamps, environment
+   and alpha masks; docs/reyes.md says what CPU devices want. Else UNSUPPORTED. */
 typedef enum gpurt_reyes_shading {
   GPURT_REYES_SHADING_AUTO = 0,          /* samples */
   GPURT_REYES_SHADING_SAMPLES = 1,       /* at every sample, once it is known what samples see */
@@ -1113,9 +1168,11 @@ typedef struct gpurt_reyes_settings {
   gpurt_reyes_shading shading;
   uint32_t no_shadows; /* 1: nothing stands between a surface and a light */
   float flatness; /* > 0: micropolygons may be larger where they stay within so many pixels of the surface */
-  uint32_t reserved[1]; /* 0 */
+  /* 0: a sample keeps all fragments of surfaces that blend. Above 0, at most 64: a study variant, the fixed A-buffer: those
+     that come first, so many of them; the others are lost, and counted. */
+  uint32_t fragment_slots;
 } gpurt_reyes_settings;
-#define GPURT_REYES_SETTINGS_INIT {0, GPURT_REYES_FILTER_AUTO, GPURT_REYES_SHADING_AUTO, 0, 0, {0}}
+#define GPURT_REYES_SETTINGS_INIT {0, GPURT_REYES_FILTER_AUTO, GPURT_REYES_SHADING_AUTO, 0, 0, 0}
 
 /* What REYES did; totals over all jobs of a frame. What several tiles see counts in each. */
 typedef struct gpurt_reyes_counters {
@@ -1134,11 +1191,13 @@ typedef struct gpurt_reyes_counters {
   double split_seconds;
   double dice_seconds; /* on CUDA devices 0: grids are diced and sampled by one kernel */
   double sample_seconds;
-  uint64_t split_rounds; /* CUDA devices: launches, or rounds of one, in which pieces were cut */
-  uint64_t num_donated;  /* GPURT_LAUNCH_PERSISTENT: pieces that a block gave away for others to cut */
-  uint64_t reserved[3];
+  uint64_t split_rounds;       /* CUDA devices: launches, or rounds of one, in which pieces were cut */
+  uint64_t num_donated;        /* GPURT_LAUNCH_PERSISTENT: pieces that a block gave away for others to cut */
+  uint64_t largest_fragments;  /* of surfaces that blend, kept at a time; a largest, not a sum */
+  uint64_t num_lost_fragments; /* fragment_slots: that found no slot */
+  uint64_t reserved[1];
 } gpurt_reyes_counters;
-#define GPURT_REYES_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0, 0, 0}}
+#define GPURT_REYES_COUNTERS_INIT {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, {0}}
 
 /** Called now and then from one thread at a time while a job runs; done and total are in samples. Must not call gpurt. */
 typedef void (*gpurt_progress_fn)(void *user, double done, double total);

@@ -320,6 +320,19 @@ class Scene : public Handle<gpurt_scene, gpurt_scene_retain, gpurt_scene_release
   }
   void trace(const gpurt_trace_desc &desc) const { check(gpurt_scene_trace(get(), &desc)); }
 
+  /// The patches that hits of the last commit lie on, and where on them; misses stay misses.
+  std::vector<gpurt_patch_point> locate(const std::vector<gpurt_hit> &hits) const
+  {
+    std::vector<gpurt_patch_point> points(hits.size());
+    gpurt_locate_desc desc = GPURT_LOCATE_DESC_INIT;
+    desc.num_hits = hits.size();
+    desc.hits = hits.data();
+    desc.points = points.data();
+    locate(desc);
+    return points;
+  }
+  void locate(const gpurt_locate_desc &desc) const { check(gpurt_scene_locate(get(), &desc)); }
+
   Frame frame(const gpurt_frame_desc &desc) const
   {
     gpurt_frame f = nullptr;

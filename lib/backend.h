@@ -107,6 +107,7 @@ struct TraceRequest {
   ScheduleCounters *counters = nullptr;  // null: not wanted
   Coherence coherence = Coherence::Auto;
   uint32_t image_width = 0;
+  bool count_lanes = false;  // of warps that work, into counters; closest hits alone
 };
 
 /// A rectangle of pixels and the sample indices to take in each of them.
@@ -122,6 +123,7 @@ struct ReyesCounters {
   uint64_t largest_queue = 0, largest_bucket = 0, working_bytes = 0;
   double bound_seconds = 0, split_seconds = 0, dice_seconds = 0, sample_seconds = 0;
   uint64_t split_rounds = 0, num_donated = 0;
+  uint64_t largest_fragments = 0, num_lost_fragments = 0;
 
   void add(const ReyesCounters &other);
 };
@@ -193,6 +195,8 @@ class CommittedScene {
   virtual void require_reyes() const;
   /// How REYES cuts patches and goes through its stages, with values for what was left to the library. Throws UNSUPPORTED.
   virtual ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings) const;
+  /// Whether micropolygons' own light may come by rays: with shadows, from lamps and the environment.
+  virtual bool own_light_has_rays() const { return false; }
   /// Throws INVALID_ARGUMENT where there is no such kd-tree.
   virtual HostKdTree export_tree(uint32_t tree) const = 0;
   /// The schedule with values for what was left to the library. Throws UNSUPPORTED naming what is not there.
@@ -234,8 +238,12 @@ inline void CommittedScene::require_reyes() const
 }
 
 inline ReyesSchedule CommittedScene::resolve_reyes_schedule(const Schedule &asked,
-                                                            const ReyesSettings &) const
+                                                            const ReyesSettings &settings) const
 {
+  if (settings.fragment_slots != 0) {
+    fail(GPURT_ERROR_UNSUPPORTED, "reyes.fragment_slots is {}, which this version does not have; set it to 0",
+         settings.fragment_slots);
+  }
   if ((asked.launch != Launch::Auto && asked.launch != Launch::Regular) ||
       (asked.traversal != Traversal::Auto && asked.traversal != Traversal::Stack)) {
     fail(GPURT_ERROR_UNSUPPORTED,

@@ -40,7 +40,7 @@ void set_default(E &choice, E value)
 struct ScheduleCounters {
   uint64_t ray_refills = 0, list_rounds = 0, list_overflows = 0, mode_switches = 0, packets = 0,
            shared_triangles = 0, compactions = 0, sorted_hits = 0, counted_rays = 0, wave_splits = 0,
-           device_ns = 0, path_refills = 0;
+           device_ns = 0, path_refills = 0, warp_steps = 0, lane_steps = 0;
 
   void add(const ScheduleCounters &other)
   {
@@ -56,6 +56,8 @@ struct ScheduleCounters {
     wave_splits += other.wave_splits;
     device_ns += other.device_ns;
     path_refills += other.path_refills;
+    warp_steps += other.warp_steps;
+    lane_steps += other.lane_steps;
   }
 };
 

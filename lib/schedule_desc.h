@@ -40,6 +40,8 @@ inline gpurt_schedule_counters describe(const ScheduleCounters &c)
   d.wave_splits = c.wave_splits;
   d.path_refills = c.path_refills;
   d.device_ns = c.device_ns;
+  d.warp_steps = c.warp_steps;
+  d.lane_steps = c.lane_steps;
   return d;
 }
 

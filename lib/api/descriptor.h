@@ -68,6 +68,9 @@ GPURT_STRUCT(gpurt_trace_desc, GPURT_TRACE_DESC_INIT, offsetof(gpurt_trace_desc,
              offsetof(gpurt_trace_desc, occluded), offsetof(gpurt_trace_desc, offsets),
              offsetof(gpurt_trace_desc, hit_capacity), offsetof(gpurt_trace_desc, schedule.ray_budget),
              offsetof(gpurt_trace_desc, out_counters));
+GPURT_STRUCT(gpurt_locate_desc, GPURT_LOCATE_DESC_INIT, offsetof(gpurt_locate_desc, num_hits),
+             offsetof(gpurt_locate_desc, hits), offsetof(gpurt_locate_desc, points),
+             offsetof(gpurt_locate_desc, positions), offsetof(gpurt_locate_desc, normals));
 GPURT_STRUCT(gpurt_frame_desc, GPURT_FRAME_DESC_INIT, offsetof(gpurt_frame_desc, seed),
              offsetof(gpurt_frame_desc, first_sample));
 GPURT_STRUCT(gpurt_render_desc, GPURT_RENDER_DESC_INIT, offsetof(gpurt_render_desc, time_limit_s),

@@ -67,7 +67,7 @@ struct Commit {
   double build_seconds = 0, backend_seconds = 0;  // of the whole; of the backend's part
   std::string accel_reason;
   uint64_t shape_version = 0;  // of the scene
-  float patch_tolerance = 0;
+  PatchLimits patch_limits;
 };
 
 struct Scene {

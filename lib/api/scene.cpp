@@ -74,16 +74,20 @@ std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build
   commit->device = scene.device;
   commit->accel_reason = plan.reason;
   commit->reservation = Reservation(device.memory(), own_bytes_at_least(scene.data), "the committed scene");
+  PatchLimits patch_limits = desc.patch_tolerance;
+  patch_limits.pixels = desc.patch_pixels;
+  patch_limits.camera = desc.patch_camera;
+  patch_limits.width = desc.patch_width;
+  patch_limits.height = desc.patch_height;
   auto compiled = std::make_shared<CompiledScene>(
-      compile_scene(scene.data, desc.patch_tolerance, [&](uint64_t bytes, uint64_t patch_triangles) {
+      compile_scene(scene.data, patch_limits, [&](uint64_t bytes, uint64_t patch_triangles) {
         if (patch_triangles == 0) {
           commit->reservation.resize(bytes, "the committed scene");
           return;
         }
         const std::string what = fmt::format(
-            "the committed scene with the {} triangles of its patches, of which a larger patch_tolerance "
-            "takes fewer",
-            patch_triangles);
+            "the committed scene with the {} triangles of its patches, of which a larger {} takes fewer",
+            patch_triangles, desc.patch_pixels != 0 ? "patch_pixels" : "patch_tolerance");
         commit->reservation.resize(bytes, what.c_str());
       }));
   commit->reservation.resize(own_bytes(*compiled), "the committed scene");
@@ -92,10 +96,10 @@ std::shared_ptr<const Commit> build_commit(const Scene &scene, const gpurt_build
   }
   commit->compiled = std::move(compiled);
   commit->shape_version = scene.shape_version;
-  commit->patch_tolerance = desc.patch_tolerance;
+  commit->patch_limits = patch_limits;
   // The same triangles, in the same order.
-  if (const auto last = scene.last_commit(); last && last->shape_version == commit->shape_version &&
-                                             last->patch_tolerance == commit->patch_tolerance)
+  if (const auto last = scene.last_commit();
+      last && last->shape_version == commit->shape_version && last->patch_limits == commit->patch_limits)
     plan.options.previous = last->committed;
   const double compiled_at = steady_seconds();
   commit->committed = device.backend->commit(commit->compiled, plan.options);
@@ -145,6 +149,7 @@ void describe(const Commit &commit, gpurt_scene_facts &facts)
   const CompiledScene &compiled = *commit.compiled;
   facts.num_patches = compiled.num_patches;
   facts.patch_error = compiled.patch_error;
+  facts.patch_error_pixels = compiled.patch_error_pixels;
   facts.num_triangles = compiled.indices.size();
   facts.num_world_triangles = num_world_triangles(compiled);
   for (const Light &light : compiled.lights)

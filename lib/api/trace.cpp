@@ -32,6 +32,23 @@ TraceRequest checked_request(const gpurt_trace_desc &d, const Device &device)
   request.schedule = checked_schedule(d.schedule);
   request.coherence = Coherence(d.coherence);
   request.image_width = d.image_width;
+  if (d.count_lanes > 1) fail_invalid("count_lanes is {}; it must be 0 or 1", d.count_lanes);
+  check_reserved(d.reserved, "reserved");
+  request.count_lanes = d.count_lanes != 0;
+  if (request.count_lanes) {
+    if (request.query != QueryKind::Closest) {
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "count_lanes is set, but lanes are counted of closest hits alone; use GPURT_QUERY_CLOSEST, or set "
+           "it "
+           "to 0");
+    }
+    if (!d.out_counters)
+      fail_invalid("count_lanes is set, but out_counters is NULL; give it, or set count_lanes to 0");
+    if (device.is_cpu()) {
+      fail(GPURT_ERROR_UNSUPPORTED,
+           "count_lanes is set, but the CPU device has no warps; use a CUDA device, or set it to 0");
+    }
+  }
 
   const uint64_t hit_bytes = request.compact ? sizeof(gpurt_hit_compact) : sizeof(gpurt_hit);
   const Range rays = checked_range("rays", d.rays, d.num_rays, sizeof(gpurt_ray), alignof(gpurt_ray));

@@ -288,12 +288,13 @@ ReyesSettings Frame::resolve_reyes(const gpurt_reyes_settings &asked) const
   const std::scoped_lock lock(totals_mutex_);
   ReyesSettings s = state_.totals.reyes;
   if (s.shading_rate == 0 || state_.totals.counters.num_samples == 0)
-    s = {0.25f, ReyesFilter::Box, ReyesShading::Samples, 0, 0};
+    s = {0.25f, ReyesFilter::Box, ReyesShading::Samples, 0, 0, 0};
   if (asked.shading_rate != 0) s.shading_rate = asked.shading_rate;
   if (asked.filter != 0) s.filter = ReyesFilter(asked.filter);
   if (asked.shading != 0) s.shading = ReyesShading(asked.shading);
   if (asked.no_shadows != 0) s.no_shadows = 1;
   if (asked.flatness != 0) s.flatness = asked.flatness;
+  if (asked.fragment_slots != 0) s.fragment_slots = asked.fragment_slots;
   if (s.shading != ReyesShading::Samples) check_own_light(s, *scene_.compiled, state_.settings.outputs);
   return s;
 }

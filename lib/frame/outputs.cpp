@@ -240,6 +240,8 @@ void ReyesCounters::add(const ReyesCounters &other)
   sample_seconds += other.sample_seconds;
   split_rounds += other.split_rounds;
   num_donated += other.num_donated;
+  largest_fragments = std::max(largest_fragments, other.largest_fragments);
+  num_lost_fragments += other.num_lost_fragments;
 }
 
 void add_counters(RenderCounters &sum, const RenderCounters &other)

@@ -11,17 +11,14 @@ namespace gpurt {
 inline bool operator==(const ReyesSettings &a, const ReyesSettings &b)
 {
   return a.shading_rate == b.shading_rate && a.filter == b.filter && a.shading == b.shading &&
-         a.no_shadows == b.no_shadows && a.flatness == b.flatness;
+         a.no_shadows == b.no_shadows && a.flatness == b.flatness && a.fragment_slots == b.fragment_slots;
 }
 
 inline gpurt_reyes_settings public_settings(const ReyesSettings &s)
 {
-  return {s.shading_rate,
-          gpurt_reyes_filter(s.filter),
-          gpurt_reyes_shading(s.shading),
-          s.no_shadows,
-          s.flatness,
-          {0}};
+  return {
+      s.shading_rate,  gpurt_reyes_filter(s.filter), gpurt_reyes_shading(s.shading), s.no_shadows, s.flatness,
+      s.fragment_slots};
 }
 
 /// For error texts; "another pipeline" where they are all zero.
@@ -30,9 +27,11 @@ inline std::string describe(const ReyesSettings &s)
   if (s.shading_rate == 0) return "another pipeline";
   static constexpr const char *filters[] = {"auto", "box", "gaussian", "mitchell"};
   static constexpr const char *shadings[] = {"auto", "samples", "micropolygons", "blocks"};
-  return fmt::format("reyes with shading rate {}, flatness {}, filter {}, shading of {}, {} shadows",
+  const std::string slots =
+      s.fragment_slots != 0 ? fmt::format(" and {} slots of fragments", s.fragment_slots) : "";
+  return fmt::format("reyes with shading rate {}, flatness {}, filter {}, shading of {}{}, {} shadows",
                      s.shading_rate, s.flatness, filters[uint32_t(s.filter) & 3],
-                     shadings[uint32_t(s.shading) & 3], s.no_shadows ? "no" : "with");
+                     shadings[uint32_t(s.shading) & 3], slots, s.no_shadows ? "no" : "with");
 }
 
 inline gpurt_reyes_counters public_counters(const ReyesCounters &c)
@@ -55,6 +54,8 @@ inline gpurt_reyes_counters public_counters(const ReyesCounters &c)
   d.sample_seconds = c.sample_seconds;
   d.split_rounds = c.split_rounds;
   d.num_donated = c.num_donated;
+  d.largest_fragments = c.largest_fragments;
+  d.num_lost_fragments = c.num_lost_fragments;
   return d;
 }
 

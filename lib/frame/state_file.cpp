@@ -52,7 +52,7 @@ struct Header {
   float reyes_shading_rate;
   uint32_t reyes_filter, reyes_shading, reyes_no_shadows;
   float reyes_flatness;
-  uint32_t reserved;
+  uint32_t reyes_fragment_slots;
 };
 static_assert(sizeof(PhotonCounters) == 96 && sizeof(PhotonSettings) == 20);
 static_assert(sizeof(Header) == 16 + 15 * 8 + 96 + sizeof(Camera) + 16 * 4 + 20 && sizeof(Header) % 8 == 0,
@@ -124,6 +124,7 @@ Header make_header(const FrameState &s)
   h.reyes_shading = uint32_t(s.totals.reyes.shading);
   h.reyes_no_shadows = s.totals.reyes.no_shadows;
   h.reyes_flatness = s.totals.reyes.flatness;
+  h.reyes_fragment_slots = s.totals.reyes.fragment_slots;
   return h;
 }
 
@@ -139,8 +140,9 @@ FrameState state_from(const Header &h)
   s.triangle_test = TriangleTest(h.triangle_test);
   s.totals.pipeline = gpurt_pipeline(h.pipeline);
   s.totals.max_depth = h.max_depth;
-  s.totals.reyes = {h.reyes_shading_rate, ReyesFilter(h.reyes_filter), ReyesShading(h.reyes_shading),
-                    h.reyes_no_shadows, h.reyes_flatness};
+  s.totals.reyes = {
+      h.reyes_shading_rate, ReyesFilter(h.reyes_filter), ReyesShading(h.reyes_shading), h.reyes_no_shadows,
+      h.reyes_flatness,     h.reyes_fragment_slots};
   RenderCounters &c = s.totals.counters;
   c.num_samples = h.num_samples;
   c.num_camera_rays = h.num_camera_rays;

@@ -57,6 +57,17 @@ BuildPlan plan_build(const gpurt_build_desc &desc, const DeviceInfo &device, boo
   check_factor(desc.traversal_cost, "traversal_cost");
   check_factor(desc.empty_bonus, "empty_bonus");
   check_factor(desc.patch_tolerance, "patch_tolerance");
+  check_factor(desc.patch_pixels, "patch_pixels");
+  if (desc.patch_pixels == 0) {
+    const auto refuse = [](const char *field, uint32_t value) {
+      if (value != 0)
+        fail_invalid("{} is {}, but patch_pixels is 0, which sets no bound; set patch_pixels too", field,
+                     value);
+    };
+    refuse("patch_camera", desc.patch_camera);
+    refuse("patch_width", desc.patch_width);
+    refuse("patch_height", desc.patch_height);
+  }
 
   BuildPlan plan;
   plan.options.triangle_test = TriangleTest(desc.triangle_test);
@@ -111,8 +122,8 @@ void check_reyes(const gpurt_render_desc &d)
   if (r.no_shadows > 1) fail_invalid("reyes.no_shadows is {}; it must be 0 or 1", r.no_shadows);
   if (!(r.flatness >= 0 && r.flatness <= 16))
     fail_invalid("reyes.flatness is {}; it must lie in [0, 16] pixels", r.flatness);
-  for (const uint32_t reserved : r.reserved)
-    if (reserved != 0) fail_invalid("reyes.reserved is {}; it must be 0", reserved);
+  if (r.fragment_slots > 64)
+    fail_invalid("reyes.fragment_slots is {}; it must be at most 64", r.fragment_slots);
 }
 
 // Settings of a pipeline that is not asked for are a mistake.
@@ -126,8 +137,7 @@ void refuse_reyes_settings(const gpurt_reyes_settings &r)
   if (r.shading != 0) refuse("shading", uint32_t(r.shading));
   if (r.no_shadows != 0) refuse("no_shadows", r.no_shadows);
   if (!(r.flatness == 0)) refuse("flatness", r.flatness);
-  for (const uint32_t reserved : r.reserved)
-    if (reserved != 0) refuse("reserved", reserved);
+  if (r.fragment_slots != 0) refuse("fragment_slots", r.fragment_slots);
 }
 
 }  // namespace

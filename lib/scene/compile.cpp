@@ -6,6 +6,7 @@
 #include "scene/environment_table.h"
 #include "scene/light_tree.h"
 #include "scene/parallel.h"
+#include "scene/patch_pixels.h"
 #include "scene/patches.h"
 #include "scene/scene_hash.h"
 #include "scene/store_geometry.h"
@@ -25,8 +26,8 @@ struct Plan {
 
 class Compiler {
  public:
-  Compiler(const SceneData &scene, float patch_tolerance, const BeforeAllocation &before_allocation)
-      : in_(scene), patch_tolerance_(patch_tolerance), before_allocation_(before_allocation)
+  Compiler(const SceneData &scene, const PatchLimits &patch_limits, const BeforeAllocation &before_allocation)
+      : in_(scene), patch_limits_(patch_limits), before_allocation_(before_allocation)
   {}
 
   CompiledScene run()
@@ -152,6 +153,9 @@ class Compiler {
     cells_.resize(plans.size());
     std::vector<PatchSource> sources;
     std::vector<size_t> plan_of;
+    const bool has_pixels = patch_limits_.pixels != 0;
+    const PatchPicture picture = has_pixels ? make_patch_picture(in_.cameras, patch_limits_) : PatchPicture{};
+    bool is_bound = true;
     for (size_t i = 0; i < plans.size(); ++i) {
       const Plan &p = plans[i];
       const GeometryData &geometry = in_.geometries[p.geometry];
@@ -161,13 +165,34 @@ class Compiler {
                          is_baked ? in_.instances[p.instance].transform_double : identity_affine,
                          is_baked ? 0 : uint32_t(i + 1)});
       plan_of.push_back(i);
+      if (!has_pixels) continue;
+      PixelLimits limits = pixel_limits_of(geometry.patches, placements_of(p), picture);
+      sources.back().pixel_limits = std::move(limits.distances);
+      is_bound = is_bound && limits.is_bound;
     }
-    std::vector<std::vector<PatchCells>> cells = cut_patches(sources, patch_tolerance_);
+    std::vector<std::vector<PatchCells>> cells = cut_patches(sources, patch_limits_);
+    double share = 0;  // of what is allowed in pixels
     for (size_t k = 0; k < sources.size(); ++k) {
-      out_.patch_error =
-          std::max(out_.patch_error, tessellation_error(*sources[k].patches, cells[k]) * sources[k].stretch);
+      const std::vector<double> errors = tessellation_errors(*sources[k].patches, cells[k]);
+      for (size_t i = 0; i < errors.size(); ++i) {
+        out_.patch_error = std::max(out_.patch_error, errors[i] * sources[k].stretch);
+        if (has_pixels && errors[i] != 0) share = std::max(share, errors[i] / sources[k].pixel_limits[i]);
+      }
       cells_[plan_of[k]] = std::move(cells[k]);
     }
+    if (has_pixels)
+      out_.patch_error_pixels =
+          is_bound ? share * double(patch_limits_.pixels) : std::numeric_limits<double>::infinity();
+  }
+
+  std::vector<AffineDouble> placements_of(const Plan &p) const
+  {
+    if (p.instance != invalid_id) return {in_.instances[p.instance].transform_double};
+    std::vector<AffineDouble> all;
+    for (const InstanceData &instance : in_.instances) {
+      if (instance.geometry == p.geometry) all.push_back(instance.transform_double);
+    }
+    return all;
   }
 
   void store(const Plan &p, const Segment &s)
@@ -331,7 +356,7 @@ class Compiler {
   }
 
   const SceneData &in_;
-  const float patch_tolerance_;
+  const PatchLimits patch_limits_;
   const BeforeAllocation &before_allocation_;
   CompiledScene out_;
   std::vector<std::vector<PatchCells>> cells_;  // of each plan
@@ -341,14 +366,14 @@ class Compiler {
 
 }  // namespace
 
-CompiledScene compile_scene(const SceneData &scene, float patch_tolerance,
+CompiledScene compile_scene(const SceneData &scene, const PatchLimits &patch_limits,
                             const BeforeAllocation &before_allocation)
 {
-  if (!(patch_tolerance >= 0) || !std::isfinite(patch_tolerance)) {
-    fail_invalid("patch_tolerance is {}; it must be a finite number of metres, or 0 for the default",
-                 patch_tolerance);
-  }
-  return Compiler(scene, patch_tolerance, before_allocation).run();
+  if (const float t = patch_limits.tolerance; !(t >= 0) || !std::isfinite(t))
+    fail_invalid("patch_tolerance is {}; it must be a finite number of metres, or 0 for the default", t);
+  if (const float p = patch_limits.pixels; !(p >= 0) || !std::isfinite(p))
+    fail_invalid("patch_pixels is {}; it must be a finite number of pixels, or 0 for no bound in pixels", p);
+  return Compiler(scene, patch_limits, before_allocation).run();
 }
 
 SceneView CompiledScene::view() const

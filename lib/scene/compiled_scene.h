@@ -6,6 +6,7 @@
 
 #include "core/reyes/reyes_scene.h"
 #include "memory.h"
+#include "scene/patch_limits.h"
 #include "scene/scene_data.h"
 
 namespace gpurt {
@@ -54,6 +55,7 @@ struct CompiledScene {
   bool has_alpha_masks = false;  // or materials that blend
   bool has_blending = false;
   double patch_error = 0;  // bound on the distance of patches and their triangles, in metres of the world
+  double patch_error_pixels = 0;  // in pixels of PatchLimits' picture; infinite: none is known
   uint64_t num_patches = 0;
   uint64_t hash = 0;  // of everything that decides an image: identifies the scene of a film or a tree cache
 
@@ -66,10 +68,10 @@ struct CompiledScene {
 /// Told how large the arrays will be before they are allocated, and how many triangles of them patches take; may throw.
 using BeforeAllocation = std::function<void(uint64_t bytes, uint64_t patch_triangles)>;
 
-/// Turns a description into arrays: tessellates patches to `patch_tolerance` metres (0: 1e-4 of their diagonal), bakes
-/// geometries placed once into world space, collects lights and builds the light tree and the environment's table.
-/// Transforms are applied in double precision and rounded once.
-CompiledScene compile_scene(const SceneData &scene, float patch_tolerance,
+/// Turns a description into arrays: tessellates patches to their limits, bakes geometries placed once into world space,
+/// collects lights and builds the light tree and the environment's table. Transforms are applied in double precision and
+/// rounded once.
+CompiledScene compile_scene(const SceneData &scene, const PatchLimits &patch_limits,
                             const BeforeAllocation &before_allocation = {});
 
 }  // namespace gpurt

@@ -146,6 +146,23 @@ Vec3d unit_normal(const ControlNet &net, double u, double v)
   return {0, 0, 1};  // the patch is a curve or a point: it has no area and is never hit
 }
 
+Vec3d scaled_normal(ControlNet net, double u, double v)
+{
+  const Vec3d origin = net.p[0][0];
+  double scale = 0;
+  for (auto &row : net.p) {
+    for (Vec3d &p : row) {
+      p = p - origin;
+      scale = std::max(scale, max_component_abs(p));
+    }
+  }
+  if (scale == 0) return {0, 0, 1};
+  for (auto &row : net.p) {
+    for (Vec3d &p : row) p = p * (1 / scale);
+  }
+  return unit_normal(net, u, v);
+}
+
 }  // namespace
 
 namespace {
@@ -170,9 +187,11 @@ uint64_t key_of_edge(const PatchSource &source, uint64_t patch, int edge)
   return XXH3_64bits(is_turned ? backward : forward, sizeof(forward));
 }
 
-double limit_of(const PatchSource &source, float tolerance)
+// Of all patches; infinite: only pixels limit them.
+double limit_of(const PatchSource &source, const PatchLimits &limits)
 {
-  if (tolerance != 0) return double(tolerance) / source.stretch;
+  if (limits.tolerance != 0) return double(limits.tolerance) / source.stretch;
+  if (limits.pixels != 0) return INFINITY;
   const SharedArray<Vec3f> &points = source.patches->control_points;
   const Box b = union_of_boxes(points.size(), [&](uint64_t i) {
     const Vec3f p = points[i];
@@ -181,28 +200,42 @@ double limit_of(const PatchSource &source, float tolerance)
   return 1e-4 * length(to_double(b.hi) - to_double(b.lo));
 }
 
-[[noreturn]] void fail_too_fine(const PatchSource &source, double limit, double num_triangles)
+[[noreturn]] void fail_too_fine(const PatchSource &source, const PatchLimits &limits, double num_triangles)
 {
   // Triangles grow no faster than as 1 / tolerance.
+  const double factor = num_triangles / double(max_triangles) * 1.1;
+  const double limit = limit_of(source, limits);
+  if (limits.pixels != 0) {
+    const std::string and_tolerance = limits.tolerance != 0 ? fmt::format(" and patch_tolerance to {:.3g}",
+                                                                          double(limits.tolerance) * factor)
+                                                            : "";
+    fail_invalid(
+        "geometry {}: a bound of {:.3g} pixels takes {:.3g} triangles for {} patches, more than 2^28; raise "
+        "patch_pixels to {:.3g}{}",
+        source.geometry, limits.pixels, num_triangles, source.patches->control_points.size() / 16,
+        double(limits.pixels) * factor, and_tolerance);
+  }
   fail_invalid(
       "geometry {}: a patch tolerance of {:.3g} takes {:.3g} triangles for {} patches, more than 2^28; raise "
       "patch_tolerance to {:.3g}",
       source.geometry, limit * source.stretch, num_triangles, source.patches->control_points.size() / 16,
-      limit * source.stretch * num_triangles / double(max_triangles) * 1.1);
+      limit * source.stretch * factor);
 }
 
 // What the patches of a source want for themselves.
-std::vector<PatchCells> own_cells(const PatchSource &source, float tolerance)
+std::vector<PatchCells> own_cells(const PatchSource &source, const PatchLimits &limits)
 {
   std::vector<PatchCells> cells(source.patches->control_points.size() / 16,
                                 PatchCells{0, 1, 1, {1, 1, 1, 1}});
   if (cells.empty()) return cells;
-  const double limit = limit_of(source, tolerance);
-  if (limit == 0) return cells;  // all points are one
+  const double common = limit_of(source, limits);
   const double num_triangles = tbb::parallel_reduce(
       tbb::blocked_range<uint64_t>(0, cells.size(), 64), 0.0,
       [&](const tbb::blocked_range<uint64_t> &range, double sum) {
         for (uint64_t i = range.begin(); i != range.end(); ++i) {
+          const double limit =
+              source.pixel_limits.empty() ? common : std::min(common, source.pixel_limits[i]);
+          if (limit == 0) continue;  // all points are one
           const Rates r = choose_rates(curvature_of(load(*source.patches, i)), limit);
           sum += 2 * r.u * r.v;
           const uint16_t u = uint16_t(std::min(r.u, double(max_patch_cells))),
@@ -212,19 +245,20 @@ std::vector<PatchCells> own_cells(const PatchSource &source, float tolerance)
         return sum;
       },
       [](double a, double b) { return a + b; });
-  if (!(num_triangles <= double(max_triangles))) fail_too_fine(source, limit, num_triangles);
+  if (!(num_triangles <= double(max_triangles))) fail_too_fine(source, limits, num_triangles);
   return cells;
 }
 
 }  // namespace
 
-std::vector<std::vector<PatchCells>> cut_patches(const std::vector<PatchSource> &sources, float tolerance)
+std::vector<std::vector<PatchCells>> cut_patches(const std::vector<PatchSource> &sources,
+                                                 const PatchLimits &limits)
 {
   std::vector<std::vector<PatchCells>> all;
   std::unordered_map<uint64_t, uint16_t> segments;  // of each edge: the most that a patch at it wants
   std::vector<std::vector<uint64_t>> keys;
   for (const PatchSource &source : sources) {
-    std::vector<PatchCells> &cells = all.emplace_back(own_cells(source, tolerance));
+    std::vector<PatchCells> &cells = all.emplace_back(own_cells(source, limits));
     std::vector<uint64_t> &own = keys.emplace_back(4 * cells.size());
     parallel_for_each(own.size(), [&](uint64_t k) { own[k] = key_of_edge(source, k / 4, int(k % 4)); });
     for (uint64_t k = 0; k < own.size(); ++k) {
@@ -243,27 +277,49 @@ std::vector<std::vector<PatchCells>> cut_patches(const std::vector<PatchSource> 
       c.first_triangle = uint32_t(num_triangles);
       num_triangles += uint64_t(2) * c.num_u * c.num_v;
       if (num_triangles > max_triangles)
-        fail_too_fine(sources[s], limit_of(sources[s], tolerance),
-                      double(num_triangles) * double(all[s].size()) / double(i + 1));
+        fail_too_fine(sources[s], limits, double(num_triangles) * double(all[s].size()) / double(i + 1));
     }
   }
   return all;
 }
 
+std::vector<double> tessellation_errors(const PatchData &patches, std::span<const PatchCells> cells)
+{
+  std::vector<double> errors(cells.size());
+  parallel_for_each(cells.size(), [&](uint64_t i) {
+    // Cells within are no larger than those of the rim.
+    const PatchCells &c = cells[i];
+    errors[i] = error_of(curvature_of(load(patches, i)), std::min(c.edge[0], c.edge[1]),
+                         std::min(c.edge[2], c.edge[3]));
+  });
+  return errors;
+}
+
 double tessellation_error(const PatchData &patches, std::span<const PatchCells> cells)
 {
-  return tbb::parallel_reduce(
-      tbb::blocked_range<uint64_t>(0, cells.size(), 64), 0.0,
-      [&](const tbb::blocked_range<uint64_t> &range, double worst) {
-        for (uint64_t i = range.begin(); i != range.end(); ++i) {
-          // Cells within are no larger than those of the rim.
-          const PatchCells &c = cells[i];
-          worst = std::max(worst, error_of(curvature_of(load(patches, i)), std::min(c.edge[0], c.edge[1]),
-                                           std::min(c.edge[2], c.edge[3])));
-        }
-        return worst;
-      },
-      [](double a, double b) { return std::max(a, b); });
+  const std::vector<double> errors = tessellation_errors(patches, cells);
+  return errors.empty() ? 0 : *std::max_element(errors.begin(), errors.end());
+}
+
+Vec3d position_on_patch(const Vec3f *points, double u, double v)
+{
+  const auto at = [](Vec3d p0, Vec3d p1, Vec3d p2, Vec3d p3, double t) {
+    const double s = 1 - t;
+    return p0 * (s * s * s) + p3 * (t * t * t) + (p1 * (3 * s * s * t) + p2 * (3 * t * t * s));
+  };
+  Vec3d column[4];
+  for (int r = 0; r < 4; ++r) {
+    const Vec3f *row = points + 4 * r;
+    column[r] = at(to_double(row[0]), to_double(row[1]), to_double(row[2]), to_double(row[3]), u);
+  }
+  return at(column[0], column[1], column[2], column[3], v);
+}
+
+Vec3d normal_on_patch(const Vec3f *points, double u, double v)
+{
+  ControlNet net;
+  for (int k = 0; k < 16; ++k) net.p[k / 4][k % 4] = to_double(points[k]);
+  return scaled_normal(net, u, v);
 }
 
 TessellatedPatches::TessellatedPatches(const PatchData &patches, std::span<const PatchCells> cells)
@@ -317,20 +373,8 @@ Vec3d TessellatedPatches::vertex(uint64_t index) const
 Vec3d TessellatedPatches::normal(uint64_t index) const
 {
   const auto [patch, u, v] = locate(index);
-  ControlNet net = load(patches_, patch);
-  const Vec3d origin = net.p[0][0];
-  double scale = 0;
-  for (auto &row : net.p) {
-    for (Vec3d &p : row) {
-      p = p - origin;
-      scale = std::max(scale, max_component_abs(p));
-    }
-  }
-  if (scale == 0) return {0, 0, 1};
-  for (auto &row : net.p) {
-    for (Vec3d &p : row) p = p * (1 / scale);
-  }
-  return unit_normal(net, double(u.step) / double(u.steps), double(v.step) / double(v.steps));
+  return scaled_normal(load(patches_, patch), double(u.step) / double(u.steps),
+                       double(v.step) / double(v.steps));
 }
 
 Vec2f TessellatedPatches::uv(uint64_t index) const

@@ -15,6 +15,7 @@
 
 #include "core/reyes/patch_cells.h"
 #include "scene/affine.h"
+#include "scene/patch_limits.h"
 #include "scene/scene_data.h"
 
 namespace gpurt {
@@ -26,15 +27,24 @@ struct PatchSource {
   double stretch;     // placements make distances as many times as large at most
   AffineDouble place = identity_affine;
   uint32_t space = 0;  // `place` leads there; patches share boundaries with those of the same space alone
+  /// What PatchLimits::pixels allows each of them, in object space; empty: no limit in pixels.
+  std::vector<double> pixel_limits = {};
 };
 
-/// The cells with which no point of the patches is further than `tolerance` from its triangles once they are placed, for
-/// each source. `tolerance` 0 means 1e-4 of the diagonal of a source's control points, before they are placed. Throws
-/// INVALID_ARGUMENT naming the geometry and the tolerance where a source takes more than 2^28 triangles.
-std::vector<std::vector<PatchCells>> cut_patches(const std::vector<PatchSource> &sources, float tolerance);
+/// The cells with which no point of the patches is further than the limits from its triangles once they are placed, for
+/// each source. Throws INVALID_ARGUMENT naming the geometry and the limit where a source takes more than 2^28 triangles.
+std::vector<std::vector<PatchCells>> cut_patches(const std::vector<PatchSource> &sources,
+                                                 const PatchLimits &limits);
 
-/// No point of the patches is further than this from its triangles, in object space.
+/// For each patch: none of its points is further than this from its triangles, in object space.
+std::vector<double> tessellation_errors(const PatchData &patches, std::span<const PatchCells> cells);
+/// The largest of them.
 double tessellation_error(const PatchData &patches, std::span<const PatchCells> cells);
+
+/// A patch's own position and normal at (u, v), of 16 control points. The normal has unit length and lies along
+/// dS/du x dS/dv; at poles it is the limit from within the patch.
+Vec3d position_on_patch(const Vec3f *points, double u, double v);
+Vec3d normal_on_patch(const Vec3f *points, double u, double v);
 
 /// The mesh of `patches`; values are computed when they are asked for. Refers to what it is given.
 class TessellatedPatches {

@@ -99,6 +99,7 @@ TEST_F(Arguments, NullPointers)
   expect_invalid("tree is NULL", "export_tree", [&] { return gpurt_scene_export_tree(scene, nullptr); });
   expect_invalid("tree is NULL", "import_tree", [&] { return gpurt_scene_import_tree(scene, nullptr); });
   expect_invalid("desc is NULL", "trace", [&] { return gpurt_scene_trace(scene, nullptr); });
+  expect_invalid("desc is NULL", "locate", [&] { return gpurt_scene_locate(scene, nullptr); });
 
   expect_invalid("out_frame is NULL", "frame_create",
                  [&] { return gpurt_frame_create(scene, nullptr, nullptr); });
@@ -425,6 +426,15 @@ TEST_F(Arguments, Commits)
   refuse_commit("traversal_cost", [](auto &d) { d.traversal_cost = -1; });
   refuse_commit("empty_bonus", [](auto &d) { d.empty_bonus = inf_value; });
   refuse_commit("patch_tolerance", [](auto &d) { d.patch_tolerance = -1; });
+  refuse_commit("patch_pixels", [](auto &d) { d.patch_pixels = -1; });
+  refuse_commit("patch_pixels", [](auto &d) { d.patch_pixels = inf_value; });
+  refuse_commit("patch_camera is 1, but the scene has 1 cameras", [](auto &d) {
+    d.patch_pixels = 1;
+    d.patch_camera = 1;
+  });
+  refuse_commit("patch_camera is 1, but patch_pixels is 0", [](auto &d) { d.patch_camera = 1; });
+  refuse_commit("patch_width is 2, but patch_pixels is 0", [](auto &d) { d.patch_width = 2; });
+  refuse_commit("patch_height is 3, but patch_pixels is 0", [](auto &d) { d.patch_height = 3; });
   refuse_commit("quality", [](auto &d) { d.quality = gpurt_build_quality(7); });
   refuse_commit(
       "GPURT_ACCEL_KDTREE",
@@ -452,6 +462,9 @@ TEST_F(Arguments, Traces)
   refuse_trace("format is 2", [](auto &d) { d.format = gpurt_hit_format(2); });
   refuse_trace("storage is 2", [](auto &d) { d.storage = gpurt_storage(2); });
   refuse_trace("rays is NULL", [](auto &d) { d.rays = nullptr; });
+  refuse_trace("count_lanes is 2", [](auto &d) { d.count_lanes = 2; });
+  refuse_trace("out_counters is NULL", [](auto &d) { d.count_lanes = 1; });
+  refuse_trace("reserved is 1", [](auto &d) { d.reserved = 1; });
   refuse_trace("hits is NULL", [](auto &d) { d.hits = nullptr; });
   refuse_trace("occluded must be NULL", [&](auto &d) { d.occluded = &occluded; });
   refuse_trace("offsets must be NULL", [&](auto &d) { d.offsets = offsets; });
@@ -608,7 +621,7 @@ TEST_F(Arguments, Submissions)
   refuse_reyes("reyes.no_shadows is 2", [](auto &d) { d.reyes.no_shadows = 2; });
   refuse_reyes("reyes.flatness is -1", [](auto &d) { d.reyes.flatness = -1; });
   refuse_reyes("reyes.flatness is nan", [](auto &d) { d.reyes.flatness = std::nanf(""); });
-  refuse_reyes("reyes.reserved is 1", [](auto &d) { d.reyes.reserved[0] = 1; });
+  refuse_reyes("reyes.fragment_slots is 65", [](auto &d) { d.reyes.fragment_slots = 65; });
   refuse_render("reyes.shading_rate is 1, but", [](auto &d) { d.reyes.shading_rate = 1; });
   refuse_render("target_error", [](auto &d) { d.target_error = nan_value; });
   refuse_render("target_error", [](auto &d) { d.target_error = -1; });

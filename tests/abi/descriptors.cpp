@@ -130,6 +130,10 @@ class Descriptors : public testing::Test {
     cases.push_back(CASE(gpurt_scene_trace, gpurt_trace_desc, GPURT_TRACE_DESC_INIT, trace,
                          [=](auto *d) { return gpurt_scene_trace(scene, d); }));
 
+    const gpurt_locate_desc locate = GPURT_LOCATE_DESC_INIT;
+    cases.push_back(CASE(gpurt_scene_locate, gpurt_locate_desc, GPURT_LOCATE_DESC_INIT, locate,
+                         [=](auto *d) { return gpurt_scene_locate(scene, d); }));
+
     gpurt_photon_map_desc map_desc = GPURT_PHOTON_MAP_DESC_INIT;
     map_desc.num_points = 3;
     map_desc.positions = corners;

@@ -202,6 +202,11 @@ std::vector<Call<gpurt_scene>> scene_calls()
          const gpurt_trace_desc d = trace_desc(ray, hit);
          return gpurt_scene_trace(h, &d);
        }},
+      {"gpurt_scene_locate",
+       [](gpurt_scene h) {
+         const gpurt_locate_desc d = GPURT_LOCATE_DESC_INIT;
+         return gpurt_scene_locate(h, &d);
+       }},
       {"gpurt_cuda_trace",
        [](gpurt_scene h) {
          const gpurt_ray ray = ray_at_triangle();

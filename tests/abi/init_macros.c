@@ -25,6 +25,7 @@ int gpurt_test_init_macros(void)
   gpurt_scene_facts facts = GPURT_SCENE_FACTS_INIT;
   gpurt_kdtree tree = GPURT_KDTREE_INIT;
   gpurt_trace_desc trace = GPURT_TRACE_DESC_INIT;
+  gpurt_locate_desc locate = GPURT_LOCATE_DESC_INIT;
   gpurt_frame_desc frame = GPURT_FRAME_DESC_INIT;
   gpurt_render_desc render = GPURT_RENDER_DESC_INIT;
   gpurt_statistics statistics = GPURT_STATISTICS_INIT;
@@ -39,7 +40,8 @@ int gpurt_test_init_macros(void)
          environment.struct_size == sizeof environment && camera.struct_size == sizeof camera &&
          build.struct_size == sizeof build && facts.struct_size == sizeof facts &&
          tree.struct_size == sizeof tree && trace.struct_size == sizeof trace &&
-         frame.struct_size == sizeof frame && render.struct_size == sizeof render &&
-         statistics.struct_size == sizeof statistics && map.struct_size == sizeof map &&
-         map_info.struct_size == sizeof map_info && photons.struct_size == sizeof photons;
+         locate.struct_size == sizeof locate && frame.struct_size == sizeof frame &&
+         render.struct_size == sizeof render && statistics.struct_size == sizeof statistics &&
+         map.struct_size == sizeof map && map_info.struct_size == sizeof map_info &&
+         photons.struct_size == sizeof photons;
 }

@@ -130,7 +130,7 @@ FIELD(gpurt_camera_desc, shutter_close, 72);
 FIELD(gpurt_camera_desc, width, 76);
 FIELD(gpurt_camera_desc, height, 80);
 
-SIZE(gpurt_build_desc, 40);
+SIZE(gpurt_build_desc, 56);
 FIELD(gpurt_build_desc, struct_size, 0);
 FIELD(gpurt_build_desc, accel, 4);
 FIELD(gpurt_build_desc, triangle_test, 8);
@@ -140,8 +140,12 @@ FIELD(gpurt_build_desc, empty_bonus, 20);
 FIELD(gpurt_build_desc, patch_tolerance, 24);
 FIELD(gpurt_build_desc, quality, 28);
 FIELD(gpurt_build_desc, tree_cache_path, 32);
+FIELD(gpurt_build_desc, patch_pixels, 40);
+FIELD(gpurt_build_desc, patch_camera, 44);
+FIELD(gpurt_build_desc, patch_width, 48);
+FIELD(gpurt_build_desc, patch_height, 52);
 
-SIZE(gpurt_scene_facts, 200);
+SIZE(gpurt_scene_facts, 208);
 FIELD(gpurt_scene_facts, struct_size, 0);
 FIELD(gpurt_scene_facts, num_geometries, 4);
 FIELD(gpurt_scene_facts, num_instances, 8);
@@ -175,6 +179,7 @@ FIELD(gpurt_scene_facts, build_peak_bytes, 176);
 FIELD(gpurt_scene_facts, tree_refitted, 184);
 FIELD(gpurt_scene_facts, has_blending, 188);
 FIELD(gpurt_scene_facts, patch_error, 192);
+FIELD(gpurt_scene_facts, patch_error_pixels, 200);
 
 SIZE(gpurt_kdtree_node, 8);
 FIELD(gpurt_kdtree_node, word, 0);
@@ -235,7 +240,9 @@ FIELD(gpurt_schedule_counters, counted_rays, 64);
 FIELD(gpurt_schedule_counters, wave_splits, 72);
 FIELD(gpurt_schedule_counters, device_ns, 80);
 FIELD(gpurt_schedule_counters, path_refills, 88);
-FIELD(gpurt_schedule_counters, reserved, 96);
+FIELD(gpurt_schedule_counters, warp_steps, 96);
+FIELD(gpurt_schedule_counters, lane_steps, 104);
+FIELD(gpurt_schedule_counters, reserved, 112);
 
 SIZE(gpurt_cuda_kernel, 128);
 FIELD(gpurt_cuda_kernel, name, 0);
@@ -247,7 +254,7 @@ FIELD(gpurt_cuda_kernel, shared_bytes, 116);
 FIELD(gpurt_cuda_kernel, blocks_per_multiprocessor, 120);
 FIELD(gpurt_cuda_kernel, occupancy, 124);
 
-SIZE(gpurt_trace_desc, 120);
+SIZE(gpurt_trace_desc, 128);
 FIELD(gpurt_trace_desc, struct_size, 0);
 FIELD(gpurt_trace_desc, query, 4);
 FIELD(gpurt_trace_desc, format, 8);
@@ -262,6 +269,24 @@ FIELD(gpurt_trace_desc, schedule, 64);
 FIELD(gpurt_trace_desc, out_counters, 104);
 FIELD(gpurt_trace_desc, coherence, 112);
 FIELD(gpurt_trace_desc, image_width, 116);
+FIELD(gpurt_trace_desc, count_lanes, 120);
+FIELD(gpurt_trace_desc, reserved, 124);
+
+SIZE(gpurt_patch_point, 12);
+FIELD(gpurt_patch_point, patch, 0);
+FIELD(gpurt_patch_point, u, 4);
+FIELD(gpurt_patch_point, v, 8);
+
+SIZE(gpurt_locate_desc, 56);
+FIELD(gpurt_locate_desc, struct_size, 0);
+FIELD(gpurt_locate_desc, format, 4);
+FIELD(gpurt_locate_desc, num_hits, 8);
+FIELD(gpurt_locate_desc, hits, 16);
+FIELD(gpurt_locate_desc, geometry, 24);
+FIELD(gpurt_locate_desc, instance, 28);
+FIELD(gpurt_locate_desc, points, 32);
+FIELD(gpurt_locate_desc, positions, 40);
+FIELD(gpurt_locate_desc, normals, 48);
 
 SIZE(gpurt_frame_desc, 40);
 FIELD(gpurt_frame_desc, struct_size, 0);
@@ -308,7 +333,7 @@ FIELD(gpurt_reyes_settings, filter, 4);
 FIELD(gpurt_reyes_settings, shading, 8);
 FIELD(gpurt_reyes_settings, no_shadows, 12);
 FIELD(gpurt_reyes_settings, flatness, 16);
-FIELD(gpurt_reyes_settings, reserved, 20);
+FIELD(gpurt_reyes_settings, fragment_slots, 20);
 
 SIZE(gpurt_reyes_counters, 160);
 FIELD(gpurt_reyes_counters, num_patches, 0);
@@ -328,7 +353,9 @@ FIELD(gpurt_reyes_counters, dice_seconds, 104);
 FIELD(gpurt_reyes_counters, sample_seconds, 112);
 FIELD(gpurt_reyes_counters, split_rounds, 120);
 FIELD(gpurt_reyes_counters, num_donated, 128);
-FIELD(gpurt_reyes_counters, reserved, 136);
+FIELD(gpurt_reyes_counters, largest_fragments, 136);
+FIELD(gpurt_reyes_counters, num_lost_fragments, 144);
+FIELD(gpurt_reyes_counters, reserved, 152);
 
 SIZE(gpurt_render_desc, 136);
 FIELD(gpurt_render_desc, struct_size, 0);

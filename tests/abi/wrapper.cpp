@@ -136,6 +136,29 @@ TEST(Wrapper, VectorsAreSharedAsBuffers)
   EXPECT_THROW(device.buffer(std::vector<int>()), gpurt::Error);
 }
 
+TEST(Wrapper, HitsLeadToPatches)
+{
+  const gpurt::Device device(GPURT_DEVICE_CPU);
+  const gpurt::Scene scene = device.scene();
+  // A flat patch over the unit square: its parameters are x and y.
+  std::vector<float> points;
+  for (int k = 0; k < 16; ++k) {
+    for (const float c : {float(k % 4) / 3, float(k / 4) / 3, 0.0f}) points.push_back(c);
+  }
+  gpurt_patches_desc patches = GPURT_PATCHES_DESC_INIT;
+  patches.control_points = gpurt::array<3>(points);
+  gpurt_instance_desc instance = GPURT_INSTANCE_DESC_INIT;
+  instance.geometry = scene.add(patches);
+  scene.add(instance);
+  scene.commit();
+  const auto found =
+      scene.locate(scene.trace({{{0.25f, 0.5f, 1}, 0, {0, 0, -1}, 100}, {{2, 2, 1}, 0, {0, 0, -1}, 100}}));
+  EXPECT_EQ(found[0].patch, 0u);
+  EXPECT_NEAR(found[0].u, 0.25, 1e-6);
+  EXPECT_NEAR(found[0].v, 0.5, 1e-6);
+  EXPECT_EQ(found[1].patch, GPURT_INVALID_ID);
+}
+
 TEST(Wrapper, DevicesAreNamedByNumber)
 {
   const gpurt::Device device(GPURT_DEVICE_CPU, std::vector<uint32_t>{0});

@@ -159,6 +159,8 @@ Json counters_json(const gpurt_schedule_counters &c)
   add("counted_rays", c.counted_rays);
   add("wave_splits", c.wave_splits);
   add("path_refills", c.path_refills);
+  add("warp_steps", c.warp_steps);
+  add("lane_steps", c.lane_steps);
   return json.is_null() ? Json::object() : json;
 }
 

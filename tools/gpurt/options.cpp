@@ -213,7 +213,7 @@ gpurt_photon_settings PhotonOptions::settings() const
   return settings;
 }
 
-void BuildOptions::add_to(CLI::App &command)
+void BuildOptions::add_to(CLI::App &command, bool has_picture)
 {
   command
       .add_option("--accel", accel,
@@ -238,10 +238,24 @@ void BuildOptions::add_to(CLI::App &command)
           "--patch-tolerance", patch_tolerance,
           "largest distance of patches and the triangles that rays meet; 0: 1e-4 of the patches' diagonal")
       ->type_name("METRES");
+  CLI::Option *pixels =
+      command
+          .add_option(
+              "--patch-pixels", patch_pixels,
+              "the same in pixels of a camera's picture: fewer triangles further away; 0: no such bound")
+          ->check(CLI::NonNegativeNumber)
+          ->type_name("PIXELS");
   command
       .add_option("--tree-cache", tree_cache,
                   "read the kd-tree from this file if it fits the scene, else write it")
       ->type_name("FILE");
+  if (has_picture) return;
+  const auto of_picture = [&](const char *name, uint32_t &value, const char *text) {
+    command.add_option(name, value, text)->needs(pixels)->type_name("N");
+  };
+  of_picture("--patch-camera", patch_camera, "whose picture that is");
+  of_picture("--patch-width", patch_width, "of that picture; 0: what the camera says, else 512");
+  of_picture("--patch-height", patch_height, "of that picture; 0: what the camera says, else 512");
 }
 
 gpurt_build_desc BuildOptions::desc() const
@@ -251,6 +265,12 @@ gpurt_build_desc BuildOptions::desc() const
   desc.triangle_test = gpurt_triangle_test(value_in(tests, triangle_test, "--triangle-test"));
   desc.quality = gpurt_build_quality(value_in(qualities, quality, "--build-quality"));
   desc.patch_tolerance = patch_tolerance;
+  desc.patch_pixels = patch_pixels;
+  if (patch_pixels > 0) {
+    desc.patch_camera = patch_camera;
+    desc.patch_width = patch_width;
+    desc.patch_height = patch_height;
+  }
   if (!tree_cache.empty()) desc.tree_cache_path = tree_cache.c_str();
   return desc;
 }
@@ -292,6 +312,9 @@ std::string in_options(std::string text)
       {"reyes.flatness", "--flatness"},
       {"set no_shadows", "add --no-shadows"},
       {"patch_tolerance", "--patch-tolerance"},
+      {"patch_pixels", "--patch-pixels"},
+      {"patch_camera", "--patch-camera"},
+      {"reyes.fragment_slots", "--fragment-slots"},
       {"samples_per_pixel", "--spp"},
       {"target_error", "--error"},
       {"time_limit_s", "--time"},
@@ -312,7 +335,11 @@ Scene load_scene(gpurt_device device, const std::string &path)
 
 void commit(gpurt_scene scene, const BuildOptions &options)
 {
-  const gpurt_build_desc desc = options.desc();
+  gpurt_build_desc desc = options.desc();
+  if (facts_of(scene).num_cameras == 0) {
+    desc.patch_pixels = 0;
+    desc.patch_camera = desc.patch_width = desc.patch_height = 0;
+  }
   check(gpurt_scene_commit(scene, &desc));
 }
 

@@ -38,13 +38,17 @@ struct BuildOptions {
   std::string triangle_test = "watertight";
   std::string quality = "auto";
   float patch_tolerance = 0;
+  float patch_pixels = 0;
+  uint32_t patch_camera = 0, patch_width = 0, patch_height = 0;  // with patch_pixels
   std::string tree_cache;
 
-  void add_to(CLI::App &command);
+  /// With `has_picture` the command itself says which picture --patch-pixels is about.
+  void add_to(CLI::App &command, bool has_picture = false);
   gpurt_build_desc desc() const;  // refers to tree_cache
 };
 
 Scene load_scene(gpurt_device device, const std::string &path);
+/// A scene without cameras has no bound in pixels yet: see add_default_camera.
 void commit(gpurt_scene scene, const BuildOptions &options);
 gpurt_scene_facts facts_of(gpurt_scene scene);
 gpurt_device_properties properties_of(gpurt_device device);

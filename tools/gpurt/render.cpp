@@ -22,6 +22,7 @@ struct RenderOptions {
   float shading_rate = 0;
   bool no_shadows = false;
   float flatness = 0;
+  uint32_t fragment_slots = 0;
   uint32_t width = 0, height = 0, camera = 0, samples = 0, tile = 0, max_depth = 0, frame_index = 0;
   float error = 0;
   double time = 0;
@@ -150,14 +151,21 @@ void run(RenderOptions o, const CLI::App &command)
 
   const Device device = o.device.create();
   const Scene scene = load_scene(device, o.scene);
+  if (const uint32_t n = facts_of(scene).num_cameras; n != 0) {
+    if (o.camera >= n)
+      fail("--camera {}: {} has {}, counted from 0: the last is --camera {}", o.camera, o.scene,
+           n == 1 ? "one camera" : fmt::format("{} cameras", n), n - 1);
+    complete_size(desc, scene);
+  }
+  o.build.patch_camera = desc.camera;
+  o.build.patch_width = desc.width;
+  o.build.patch_height = desc.height;
   commit(scene, o.build);
   if (add_default_camera(scene, o.build) && !o.device.quiet) {
     fmt::print(stderr, "gpurt: {} has no camera; looking at all of it from the front\n", o.scene);
   }
-  if (const uint32_t n = facts_of(scene).num_cameras; o.camera >= n)
-    fail("--camera {}: {} has {}, counted from 0: the last is --camera {}", o.camera, o.scene,
-         n == 1 ? "one camera" : fmt::format("{} cameras", n), n - 1);
-  complete_size(desc, scene);
+  if (o.camera >= facts_of(scene).num_cameras)
+    fail("--camera {}: {} has one camera, counted from 0: the last is --camera 0", o.camera, o.scene);
 
   Frame frame;
   check(gpurt_frame_create(scene, &desc, frame.out()));
@@ -182,6 +190,7 @@ void run(RenderOptions o, const CLI::App &command)
           gpurt_reyes_shading(index_of(o.shading, {"auto", "samples", "micropolygons", "blocks"}));
     render.reyes.no_shadows = o.no_shadows ? 1 : 0;
     render.reyes.flatness = o.flatness;
+    render.reyes.fragment_slots = o.fragment_slots;
   }
   Job job;
   check(gpurt_frame_submit(frame, &render, nullptr, 0, job.out()));
@@ -210,7 +219,7 @@ void add_render_command(CLI::App &program)
       ->type_name("NAME")
       ->capture_default_str();
   o->device.add_to(*command);
-  o->build.add_to(*command);
+  o->build.add_to(*command, true);
   command->add_option("--width", o->width, "pixels; by default what the camera says, else 512")
       ->check(CLI::Range(1, 65535));
   command->add_option("--height", o->height, "pixels; one of both keeps the camera's proportions")
@@ -272,6 +281,11 @@ void add_render_command(CLI::App &program)
           "--flatness", o->flatness,
           "reyes: micropolygons may be larger where they stay within PIXELS of the surface; 0: none are")
       ->type_name("PIXELS");
+  command
+      ->add_option("--fragment-slots", o->fragment_slots,
+                   "reyes: samples keep so many surfaces that blend, a study variant; 0: all")
+      ->check(CLI::Range(0, 64))
+      ->type_name("N");
   command->add_flag("--no-shadows", o->no_shadows, "reyes: nothing stands between surfaces and lights");
   command->add_option("--seed", o->seed, "another seed gives independent noise")->capture_default_str();
   command

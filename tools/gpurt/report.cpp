@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
 
@@ -61,6 +62,11 @@ Json to_json(const gpurt_scene_facts &f)
                {"has_alpha_masks", f.has_alpha_masks != 0},
                {"has_blending", f.has_blending != 0},
                {"patch_error", f.patch_error}};
+  if (f.patch_error_pixels > 0) {
+    // Not proven is no number.
+    const bool is_proven = std::isfinite(f.patch_error_pixels);
+    json["patch_error_pixels"] = is_proven ? Json(f.patch_error_pixels) : Json(nullptr);
+  }
   if (f.bounds_min[0] <= f.bounds_max[0]) {
     json["bounds_min"] = f.bounds_min;
     json["bounds_max"] = f.bounds_max;
@@ -130,6 +136,7 @@ Json to_json(const gpurt_reyes_settings &s, const gpurt_reyes_counters &c)
           {"shading", name(s.shading, {"auto", "samples", "micropolygons", "blocks"})},
           {"shadows", s.no_shadows == 0},
           {"flatness", s.flatness},
+          {"fragment_slots", s.fragment_slots},
           {"num_patches", c.num_patches},
           {"num_triangles", c.num_triangles},
           {"num_splits", c.num_splits},
@@ -146,7 +153,9 @@ Json to_json(const gpurt_reyes_settings &s, const gpurt_reyes_counters &c)
           {"dice_seconds", c.dice_seconds},
           {"sample_seconds", c.sample_seconds},
           {"split_rounds", c.split_rounds},
-          {"num_donated", c.num_donated}};
+          {"num_donated", c.num_donated},
+          {"largest_fragments", c.largest_fragments},
+          {"num_lost_fragments", c.num_lost_fragments}};
 }
 
 Json to_json(const gpurt_statistics &s)

@@ -255,7 +255,7 @@ def test_reyes(box):
     statistics = frame.statistics
     assert statistics.pipeline == "reyes"
     assert statistics.reyes == {"shading_rate": 0.25, "filter": "mitchell", "shading": "samples", "shadows": False,
-                                "flatness": 0}
+                                "flatness": 0, "fragment_slots": 0}
     assert statistics.reyes_counters["num_triangles"] > 0
     assert statistics.photon == {}
     with pytest.raises(gpurt.InvalidArgument, match="filter"):

@@ -154,6 +154,43 @@ def test_patches(device):
         gpurt.Scene(device).add_patches(points.reshape(16, 3)[:15])
 
 
+def test_hits_on_patches(device):
+    """A flat patch whose parameters are its x and z; a second one beside it."""
+    u, v = np.meshgrid(np.arange(4) / 3, np.arange(4) / 3)
+    points = np.stack([u, np.full_like(u, 0.5), v], -1).reshape(16, 3)
+    scene = gpurt.Scene(device)
+    scene.add_patches(np.stack([points, points + [1, 0, 0]]))
+    scene.add_camera(look_at_down())
+    scene.commit(patch_pixels=0.5, patch_width=64, patch_height=32)
+    assert scene.facts.patch_error_pixels < 1e-5  # flat, but for rounding
+    hits = down_hits(scene, [(0.25, 1, 0.75), (1.5, 1, 0.125), (5, 1, 5)])
+    found, positions, normals = scene.locate(hits, surface=True)
+    assert found.dtype == gpurt.patch_point_dtype
+    assert found["patch"].tolist() == [0, 1, gpurt.INVALID_ID]
+    # Weights are of single precision.
+    np.testing.assert_allclose(found["u"], [0.25, 0.5, 0], atol=1e-6)
+    np.testing.assert_allclose(found["v"], [0.75, 0.125, 0], atol=1e-6)
+    np.testing.assert_allclose(positions[:2], [(0.25, 0.5, 0.75), (1.5, 0.5, 0.125)], atol=1e-6)
+    np.testing.assert_allclose(np.abs(normals[:2, 1]), 1, atol=1e-6)
+    compact = np.empty(3, gpurt.hit_compact_dtype)
+    for name in compact.dtype.names:
+        compact[name] = hits[name]
+    assert (scene.locate(compact, geometry=0) == found).all()
+    assert scene.locate(hits.reshape(3, 1)).shape == (3, 1)
+    with pytest.raises(gpurt.InvalidArgument, match="hit 0 is of geometry 7"):
+        scene.locate(compact, geometry=7)
+    with pytest.raises(gpurt.InvalidArgument, match="hits: expected a numpy array of hit_dtype"):
+        scene.locate(np.zeros((3, 8), np.float32))
+    with pytest.raises(gpurt.InvalidArgument, match="patch_camera is 1, but the scene has 1 cameras"):
+        scene.commit(patch_pixels=1, patch_camera=1)
+    with pytest.raises(gpurt.InvalidArgument, match="patch_width is 3, but patch_pixels is 0"):
+        scene.commit(patch_width=3)
+
+
+def look_at_down():
+    return gpurt.look_at((0.5, 5, 0.5), (0.5, 0, 0.5), up=(0, 0, 1))
+
+
 def test_subdivision_is_unsupported(device):
     with pytest.raises(gpurt.Unsupported):
         gpurt.Scene(device).add_subdivision(np.zeros((4, 3)), [4], [0, 1, 2, 3])

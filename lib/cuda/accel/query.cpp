@@ -388,6 +388,8 @@ void SliceSize::learn(uint64_t num_rays, double seconds)
 
 void trace_batch(const QueryContext &context, const TraceRequest &request)
 {
+  if (request.count_lanes)
+    fail(GPURT_ERROR_UNSUPPORTED, "count_lanes is set, but this version does not count lanes; set it to 0");
   if (request.device_memory) check_device_pointers(request, context.memory->ordinal());
   if (request.query == QueryKind::All) {
     const LaneLease lane = context.lanes.acquire();

@@ -161,6 +161,10 @@ ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings 
          "reyes.flatness is {}, which this version has on CPU devices alone; set it to 0, or use one",
          settings.flatness);
   }
+  if (settings.fragment_slots != 0) {
+    fail(GPURT_ERROR_UNSUPPORTED, "reyes.fragment_slots is {}, which this version does not have; set it to 0",
+         settings.fragment_slots);
+  }
   ReyesSchedule s{asked.launch, asked.traversal};
   set_default(s.split, Launch::Rounds);
   set_default(s.stages, Traversal::Stack);

@@ -47,7 +47,7 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
                             const py::object &tiles, const py::object &progress,
                             const std::array<uint64_t, 7> &schedule,
                             const std::tuple<uint32_t, float, int, int, uint32_t> &photon,
-                            const std::tuple<float, int, int, uint32_t, float> &reyes)
+                            const std::tuple<float, int, int, uint32_t, float, uint32_t> &reyes)
 {
   auto job = std::make_unique<Job>(CallbackId(progress));
   gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
@@ -70,7 +70,8 @@ std::unique_ptr<Job> submit(Frame &frame, int pipeline, uint32_t samples_per_pix
   desc.photon.estimator = static_cast<gpurt_photon_estimator>(estimator);
   desc.photon.kernel = static_cast<gpurt_photon_kernel>(kernel);
   int filter = 0, shading = 0;
-  std::tie(desc.reyes.shading_rate, filter, shading, desc.reyes.no_shadows, desc.reyes.flatness) = reyes;
+  std::tie(desc.reyes.shading_rate, filter, shading, desc.reyes.no_shadows, desc.reyes.flatness,
+           desc.reyes.fragment_slots) = reyes;
   desc.reyes.filter = static_cast<gpurt_reyes_filter>(filter);
   desc.reyes.shading = static_cast<gpurt_reyes_shading>(shading);
   if (job->progress.is_set()) {
@@ -147,7 +148,8 @@ py::dict get_statistics(const Frame &frame)
                    "packets"_a = counters.packets, "shared_triangles"_a = counters.shared_triangles,
                    "compactions"_a = counters.compactions, "sorted_hits"_a = counters.sorted_hits,
                    "counted_rays"_a = counters.counted_rays, "wave_splits"_a = counters.wave_splits,
-                   "path_refills"_a = counters.path_refills),
+                   "path_refills"_a = counters.path_refills, "warp_steps"_a = counters.warp_steps,
+                   "lane_steps"_a = counters.lane_steps),
       "photon"_a =
           py::dict("photons_per_pass"_a = photon.photons_per_pass, "initial_radius"_a = photon.initial_radius,
                    "estimator"_a = static_cast<int>(photon.estimator),
@@ -162,7 +164,7 @@ py::dict get_statistics(const Frame &frame)
       "reyes"_a =
           py::dict("shading_rate"_a = s.reyes.shading_rate, "filter"_a = static_cast<int>(s.reyes.filter),
                    "shading"_a = static_cast<int>(s.reyes.shading), "shadows"_a = s.reyes.no_shadows == 0,
-                   "flatness"_a = s.reyes.flatness),
+                   "flatness"_a = s.reyes.flatness, "fragment_slots"_a = s.reyes.fragment_slots),
       "reyes_counters"_a =
           py::dict("num_patches"_a = reyes.num_patches, "num_triangles"_a = reyes.num_triangles,
                    "num_splits"_a = reyes.num_splits, "num_culled"_a = reyes.num_culled,
@@ -172,7 +174,8 @@ py::dict get_statistics(const Frame &frame)
                    "working_bytes"_a = reyes.working_bytes, "bound_seconds"_a = reyes.bound_seconds,
                    "split_seconds"_a = reyes.split_seconds, "dice_seconds"_a = reyes.dice_seconds,
                    "sample_seconds"_a = reyes.sample_seconds, "split_rounds"_a = reyes.split_rounds,
-                   "num_donated"_a = reyes.num_donated));
+                   "num_donated"_a = reyes.num_donated, "largest_fragments"_a = reyes.largest_fragments,
+                   "num_lost_fragments"_a = reyes.num_lost_fragments));
 }
 
 // True when the job has ended well, False when it still runs; its failure is raised.

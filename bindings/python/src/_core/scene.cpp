@@ -172,7 +172,8 @@ py::dict get_camera(const Scene &scene, uint32_t camera)
 }
 
 void commit(Scene &scene, int accel, int triangle_test, uint32_t max_depth, float traversal_cost,
-            float empty_bonus, float patch_tolerance, const std::optional<py::bytes> &tree_cache, int quality)
+            float empty_bonus, float patch_tolerance, const std::optional<py::bytes> &tree_cache, int quality,
+            float patch_pixels, uint32_t patch_camera, uint32_t patch_width, uint32_t patch_height)
 {
   gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
   desc.accel = static_cast<gpurt_accel>(accel);
@@ -181,6 +182,10 @@ void commit(Scene &scene, int accel, int triangle_test, uint32_t max_depth, floa
   desc.traversal_cost = traversal_cost;
   desc.empty_bonus = empty_bonus;
   desc.patch_tolerance = patch_tolerance;
+  desc.patch_pixels = patch_pixels;
+  desc.patch_camera = patch_camera;
+  desc.patch_width = patch_width;
+  desc.patch_height = patch_height;
   desc.quality = static_cast<gpurt_build_quality>(quality);
   std::string path;
   if (tree_cache) {
@@ -211,7 +216,8 @@ py::dict get_facts(const Scene &scene)
       "tree_from_cache"_a = facts.tree_from_cache != 0, "build_seconds"_a = facts.build_seconds,
       "sah_cost"_a = facts.sah_cost, "accel_build_seconds"_a = facts.accel_build_seconds,
       "build_peak_bytes"_a = facts.build_peak_bytes, "tree_refitted"_a = facts.tree_refitted != 0,
-      "has_blending"_a = facts.has_blending != 0, "patch_error"_a = facts.patch_error);
+      "has_blending"_a = facts.has_blending != 0, "patch_error"_a = facts.patch_error,
+      "patch_error_pixels"_a = facts.patch_error_pixels);
 }
 
 // With nodes and references None it tells the sizes, else it fills the arrays.
@@ -279,7 +285,8 @@ void bind_scene(py::module_ &module)
       .def("camera", get_camera, py::arg("camera"))
       .def("commit", commit, py::arg("accel"), py::arg("triangle_test"), py::arg("max_depth"),
            py::arg("traversal_cost"), py::arg("empty_bonus"), py::arg("patch_tolerance"),
-           py::arg("tree_cache"), py::arg("quality"))
+           py::arg("tree_cache"), py::arg("quality"), py::arg("patch_pixels"), py::arg("patch_camera"),
+           py::arg("patch_width"), py::arg("patch_height"))
       .def("facts", get_facts)
       .def("export_tree", export_tree, py::arg("tree"), py::arg("nodes"), py::arg("references"))
       .def("import_tree", import_tree, py::arg("tree"), py::arg("num_triangles"), py::arg("bounds_min"),

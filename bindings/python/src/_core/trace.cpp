@@ -54,6 +54,24 @@ void trace_memory(const Scene &scene, int query, int format, bool in_device_memo
   }
 }
 
+void locate(const Scene &scene, int format, const py::array &hits, uint32_t geometry, uint32_t instance,
+            const py::array &points, const py::object &positions, const py::object &normals)
+{
+  gpurt_locate_desc desc = GPURT_LOCATE_DESC_INIT;
+  desc.format = static_cast<gpurt_hit_format>(format);
+  const uint64_t hit_bytes = desc.format == GPURT_HIT_FULL ? sizeof(gpurt_hit) : sizeof(gpurt_hit_compact);
+  desc.num_hits = static_cast<uint64_t>(hits.nbytes()) / hit_bytes;
+  desc.hits = packed_data(hits, desc.num_hits * hit_bytes, "hits");
+  desc.geometry = geometry;
+  desc.instance = instance;
+  desc.points = static_cast<gpurt_patch_point *>(
+      packed_output(points, desc.num_hits * sizeof(gpurt_patch_point), "points"));
+  const uint64_t vector_bytes = desc.num_hits * 3 * sizeof(float);
+  desc.positions = static_cast<float *>(packed_output(positions, vector_bytes, "positions"));
+  desc.normals = static_cast<float *>(packed_output(normals, vector_bytes, "normals"));
+  call([&] { return gpurt_scene_locate(scene.handle.get(), &desc); });
+}
+
 }  // namespace
 
 void bind_trace(py::class_<Scene> &scene)
@@ -64,6 +82,8 @@ void bind_trace(py::class_<Scene> &scene)
             py::arg("num_rays"), py::arg("rays"), py::arg("hits"), py::arg("hit_capacity"),
             py::arg("occluded"), py::arg("offsets"), py::arg("stream"), py::arg("coherence"),
             py::arg("image_width"));
+  scene.def("locate", locate, py::arg("format"), py::arg("hits"), py::arg("geometry"), py::arg("instance"),
+            py::arg("points"), py::arg("positions"), py::arg("normals"));
 }
 
 }  // namespace gpurt_python

@@ -23,7 +23,8 @@ from gpurt.frame import Frame, Job, Statistics
 from gpurt.hits import Hits
 from gpurt.image import Image
 from gpurt.photons import PhotonMap, PhotonMapInfo
-from gpurt.scene import (INVALID_ID, Camera, KdTree, Placed, Scene, SceneFacts, kdtree_node_dtype, load, look_at)
+from gpurt.scene import (INVALID_ID, Camera, KdTree, Placed, Scene, SceneFacts, kdtree_node_dtype, load, look_at,
+                         patch_point_dtype)
 
 __version__ = _core.version()
 
@@ -31,7 +32,7 @@ __all__ = [
     "INVALID_ID", "Camera", "Cancelled", "Device", "DeviceArray", "DeviceError", "DeviceProperties", "Error",
     "FileError", "Frame", "Hits", "Image", "InternalError", "InvalidArgument", "Job", "KdTree", "OutOfMemory", "PhotonMap", "PhotonMapInfo", "Placed", "Scene", "SceneFacts",
     "Statistics", "Timeout", "Unsupported", "default_device", "devices", "hit_compact_dtype", "hit_dtype",
-    "kdtree_node_dtype", "load", "look_at", "make_rays",
+    "kdtree_node_dtype", "load", "look_at", "make_rays", "patch_point_dtype",
 ]
 
 # Before the interpreter ends: no callback may ask for its lock any more, and no job may run on.

@@ -99,6 +99,10 @@ class Scene:
         patch_tolerance: float,
         tree_cache: Optional[bytes],
         quality: int,
+        patch_pixels: float,
+        patch_camera: int,
+        patch_width: int,
+        patch_height: int,
     ) -> None: ...
     def facts(self) -> Dict[str, Any]: ...
     def export_tree(self, tree: int, nodes: Optional[Array], references: Optional[Array]) -> Dict[str, Any]: ...
@@ -136,6 +140,17 @@ class Scene:
         stream: Optional[int],
         coherence: int,
         image_width: int,
+    ) -> None: ...
+
+    def locate(
+        self,
+        format: int,
+        hits: Array,
+        geometry: int,
+        instance: int,
+        points: Array,
+        positions: Optional[Array],
+        normals: Optional[Array],
     ) -> None: ...
 
 class PhotonMap:
@@ -200,7 +215,7 @@ class Frame:
         progress: Optional[Callback],
         schedule: Sequence[int],
         photon: Tuple[int, float, int, int, int],
-        reyes: Tuple[float, int, int, int, float],
+        reyes: Tuple[float, int, int, int, float, int],
     ) -> Job: ...
     def read(self, output: int, data: Array) -> None: ...
     def save(self, path: bytes) -> None: ...

@@ -118,18 +118,19 @@ def _photon_names(values: Mapping[str, Any]) -> Dict[str, Any]:
             "kernel": PHOTON_KERNEL.name(values["kernel"]), "remedies": remedies}
 
 
-def _reyes_values(reyes: Optional[Mapping[str, Any]]) -> Tuple[float, int, int, int, float]:
-    """shading_rate, filter, shading, no_shadows and flatness of gpurt_reyes_settings."""
+def _reyes_values(reyes: Optional[Mapping[str, Any]]) -> Tuple[float, int, int, int, float, int]:
+    """shading_rate, filter, shading, no_shadows, flatness and fragment_slots of gpurt_reyes_settings."""
     given = dict(reyes or {})
     rate = to_number(given.pop("shading_rate", 0), "shading_rate")
     pixel_filter = REYES_FILTER.value(given.pop("filter", "auto"))
     shading = REYES_SHADING.value(given.pop("shading", "auto"))
     shadows = given.pop("shadows", True)
     flatness = to_number(given.pop("flatness", 0), "flatness")
+    slots = to_count(given.pop("fragment_slots", 0), "fragment_slots")
     if given:
         raise InvalidArgument(f"reyes: {next(iter(given))!r} is none of 'shading_rate', 'filter', 'shading', 'shadows', "
-                              "'flatness'")
-    return rate, pixel_filter, shading, 0 if shadows else 1, flatness
+                              "'flatness', 'fragment_slots'")
+    return rate, pixel_filter, shading, 0 if shadows else 1, flatness, slots
 
 
 def _reyes_names(values: Mapping[str, Any]) -> Dict[str, Any]:
@@ -200,7 +201,8 @@ class Frame:
         :param reyes: settings of the pipeline "reyes", by name: shading_rate (the area of a micropolygon in pixels),
             filter ("box", "gaussian", "mitchell"), shading ("samples"), shadows (False: nothing stands between a
             surface and a light), flatness (> 0: micropolygons may be larger where they stay within so many pixels of
-            the surface; CPU devices). As for photon.
+            the surface; CPU devices), fragment_slots (a study variant: of surfaces that blend a sample keeps so many; 0:
+            all). As for photon.
 
         Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,
         and the image has the same bits as if it had run at once. Jobs of one frame run one after another. A job

@@ -14,9 +14,9 @@ from gpurt._arrays import (IDENTITY, Array, FloatArray, PathLike, UIntArray, Vec
                            shape_text, to_count, to_float32, to_number, to_path, to_transform, to_uint32, to_vec3)
 from gpurt._foreign import mesh_rows, trace_foreign
 from gpurt._libraries import library_of
-from gpurt._names import (ACCEL, BUILD_QUALITY, CAMERA_TYPE, FILTER, LIGHT_TYPE, MATERIAL_TYPE, SUBDIVISION_SCHEME,
+from gpurt._names import (ACCEL, BUILD_QUALITY, CAMERA_TYPE, FILTER, HIT_FORMAT, LIGHT_TYPE, MATERIAL_TYPE, SUBDIVISION_SCHEME,
                           TRIANGLE_TEST, WRAP)
-from gpurt._trace import make_rays, trace
+from gpurt._trace import hit_compact_dtype, hit_dtype, make_rays, trace
 from gpurt.device import Device, default_device, refuse_pickling
 from gpurt.errors import InvalidArgument
 from gpurt.frame import Frame
@@ -28,6 +28,10 @@ INVALID_ID = 0xFFFFFFFF
 #: A node of a kd-tree. Inner: word holds the bits of the float32 plane, tag is child << 2 | axis, the children are
 #: child and child + 1. Leaf: word is the first reference, tag is count << 2 | 3.
 kdtree_node_dtype = np.dtype([("word", "<u4"), ("tag", "<u4")])
+
+
+#: Where a hit lies on its patch: the patch of its geometry (INVALID_ID for a miss) and the parameters u, v.
+patch_point_dtype = np.dtype([("patch", "<u4"), ("u", "<f4"), ("v", "<f4")])
 
 
 class Placed(NamedTuple):
@@ -73,6 +77,7 @@ class SceneFacts:
     tree_refitted: bool  #: to vertices that have moved
     has_blending: bool  #: a material blends
     patch_error: float  #: no point of a patch is further from its triangles, in metres of the world
+    patch_error_pixels: float  #: the same in pixels of patch_pixels' picture; inf: none is proven; 0: not asked for
 
 
 @dataclasses.dataclass(frozen=True)
@@ -331,7 +336,8 @@ class Scene:
 
     def commit(self, accel: str = "auto", *, triangle_test: str = "watertight", max_depth: int = 0,
                traversal_cost: float = 0, empty_bonus: float = 0, patch_tolerance: float = 0,
-               tree_cache: Optional[PathLike] = None, quality: str = "auto") -> "Scene":
+               tree_cache: Optional[PathLike] = None, quality: str = "auto", patch_pixels: float = 0,
+               patch_camera: int = 0, patch_width: int = 0, patch_height: int = 0) -> "Scene":
         """Builds the acceleration structure and returns the scene; what starts later sees it.
 
         :param accel: "auto" (CPU: embree, GPU: bvh), "kdtree" (the same bits on every device), "embree" (CPU
@@ -341,11 +347,15 @@ class Scene:
         :param traversal_cost: of a kd-tree: a step in units of a triangle test; 0: the library's choice.
         :param empty_bonus: of a kd-tree: factor on the cost of splits that cut off empty space; 0: the library's.
         :param patch_tolerance: largest distance in metres of the world between a patch and its triangles; 0:
-            1e-4 of the diagonal of the patches' bounds.
+            1e-4 of the diagonal of the patches' bounds, or none with patch_pixels.
         :param tree_cache: file of a kd-tree: reused if it fits the scene, else written.
         :param quality: "fast" (GPU, bvh: large trees are built on the device, in milliseconds a million triangles; rays
             that graze triangles may meet others within their rounding than on the CPU) or "high" (the tree that traces
             fastest, built on the host's threads); "auto": "high".
+        :param patch_pixels: > 0: largest distance between a patch and its triangles in pixels of the picture of
+            patch_camera, as far as it shows them directly: patches have fewer triangles the further away they are. With
+            patch_tolerance too, the smaller one holds.
+        :param patch_width, patch_height: of that picture; 0: what the camera says, else 512.
 
         A failed commit leaves the previous one in force; work in flight keeps the commit that it started with.
         Python's lock is released; Ctrl-C is noticed when the build is done.
@@ -356,7 +366,9 @@ class Scene:
             self._core.commit(ACCEL.value(accel), TRIANGLE_TEST.value(triangle_test), to_count(max_depth, "max_depth"),
                               to_number(traversal_cost, "traversal_cost"), to_number(empty_bonus, "empty_bonus"),
                               to_number(patch_tolerance, "patch_tolerance"), optional_path(tree_cache),
-                              BUILD_QUALITY.value(quality))
+                              BUILD_QUALITY.value(quality), to_number(patch_pixels, "patch_pixels"),
+                              to_count(patch_camera, "patch_camera"), to_count(patch_width, "patch_width"),
+                              to_count(patch_height, "patch_height"))
         return self
 
     @property
@@ -454,6 +466,30 @@ class Scene:
             if library is not None:
                 return trace_foreign(self.device, self._core, library, rays, query, format, out, coherence)
             return trace(self._core, rays, query, format, out, coherence)
+
+    def locate(self, hits: Any, *, geometry: int = 0, instance: int = 0, surface: bool = False) -> Any:
+        """Finds the patches that hits lie on, and where on them.
+
+        :param hits: what trace() gave of the last commit: an array of hit_dtype or hit_compact_dtype.
+        :param geometry, instance: of compact hits, which do not say theirs; instance only with surface.
+        :param surface: also the patch's own position and normal there, in the world.
+
+        Returns an array of patch_point_dtype, shaped as hits: the patch of its geometry and u, v in [0, 1], u along columns of
+        control points. A miss has the patch INVALID_ID. With surface (points, positions, normals), float32 [...][3].
+
+        Raises InvalidArgument naming the first hit that is on a mesh or not of the last commit.
+        """
+        array = np.ascontiguousarray(hits) if isinstance(hits, np.ndarray) else None
+        if array is None or array.dtype not in (hit_dtype, hit_compact_dtype):
+            raise InvalidArgument("hits: expected a numpy array of hit_dtype or hit_compact_dtype, as trace() gives for "
+                                  f"numpy rays, got {type(hits).__name__ if array is None else array.dtype}")
+        shape = hits.shape
+        points = np.empty(shape, patch_point_dtype)
+        positions, normals = (np.empty((*shape, 3), np.float32) for _ in range(2)) if surface else (None, None)
+        with self.device._log_errors():
+            self._core.locate(HIT_FORMAT.value("full" if array.dtype == hit_dtype else "compact"), array,
+                              to_count(geometry, "geometry"), to_count(instance, "instance"), points, positions, normals)
+        return (points, positions, normals) if surface else points
 
     # ---- rendering ----
 

@@ -448,6 +448,10 @@ pub struct gpurt_build_desc {
     pub patch_tolerance: f32,
     pub quality: gpurt_build_quality,
     pub tree_cache_path: *const ::std::os::raw::c_char,
+    pub patch_pixels: f32,
+    pub patch_camera: u32,
+    pub patch_width: u32,
+    pub patch_height: u32,
 }
 extern "C" {
     pub fn gpurt_scene_commit(scene: gpurt_scene, desc: *const gpurt_build_desc) -> gpurt_result;
@@ -488,6 +492,7 @@ pub struct gpurt_scene_facts {
     pub tree_refitted: u32,
     pub has_blending: u32,
     pub patch_error: f64,
+    pub patch_error_pixels: f64,
 }
 extern "C" {
     pub fn gpurt_scene_get_facts(
@@ -582,7 +587,9 @@ pub struct gpurt_schedule_counters {
     pub wave_splits: u64,
     pub device_ns: u64,
     pub path_refills: u64,
-    pub reserved: [u64; 4usize],
+    pub warp_steps: u64,
+    pub lane_steps: u64,
+    pub reserved: [u64; 2usize],
 }
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
@@ -642,9 +649,34 @@ pub struct gpurt_trace_desc {
     pub out_counters: *mut gpurt_schedule_counters,
     pub coherence: gpurt_coherence,
     pub image_width: u32,
+    pub count_lanes: u32,
+    pub reserved: u32,
 }
 extern "C" {
     pub fn gpurt_scene_trace(scene: gpurt_scene, desc: *const gpurt_trace_desc) -> gpurt_result;
+}
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_patch_point {
+    pub patch: u32,
+    pub u: f32,
+    pub v: f32,
+}
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_locate_desc {
+    pub struct_size: u32,
+    pub format: gpurt_hit_format,
+    pub num_hits: u64,
+    pub hits: *const ::std::os::raw::c_void,
+    pub geometry: u32,
+    pub instance: u32,
+    pub points: *mut gpurt_patch_point,
+    pub positions: *mut f32,
+    pub normals: *mut f32,
+}
+extern "C" {
+    pub fn gpurt_scene_locate(scene: gpurt_scene, desc: *const gpurt_locate_desc) -> gpurt_result;
 }
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
@@ -869,7 +901,7 @@ pub struct gpurt_reyes_settings {
     pub shading: gpurt_reyes_shading,
     pub no_shadows: u32,
     pub flatness: f32,
-    pub reserved: [u32; 1usize],
+    pub fragment_slots: u32,
 }
 #[repr(C)]
 #[derive(Debug, Copy, Clone)]
@@ -891,7 +923,9 @@ pub struct gpurt_reyes_counters {
     pub sample_seconds: f64,
     pub split_rounds: u64,
     pub num_donated: u64,
-    pub reserved: [u64; 3usize],
+    pub largest_fragments: u64,
+    pub num_lost_fragments: u64,
+    pub reserved: [u64; 1usize],
 }
 pub type gpurt_progress_fn = ::std::option::Option<
     unsafe extern "C" fn(user: *mut ::std::os::raw::c_void, done: f64, total: f64),

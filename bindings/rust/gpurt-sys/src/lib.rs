@@ -47,6 +47,7 @@ init! {
     gpurt_scene_facts {}
     gpurt_kdtree {}
     gpurt_trace_desc {}
+    gpurt_locate_desc {}
     gpurt_frame_desc {}
     gpurt_render_desc {}
     gpurt_state_info {}

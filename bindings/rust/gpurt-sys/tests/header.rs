@@ -182,17 +182,18 @@ macro_rules! with_descriptors {
             gpurt_camera_desc { struct_size type_ transform yfov_rad lens_radius focus_distance shutter_open
                 shutter_close width height }
             gpurt_build_desc { struct_size accel triangle_test max_depth traversal_cost empty_bonus
-                patch_tolerance quality tree_cache_path }
+                patch_tolerance quality tree_cache_path patch_pixels patch_camera patch_width patch_height }
             gpurt_scene_facts { struct_size num_geometries num_instances num_materials num_textures
                 num_cameras num_point_lights num_distant_lights num_patches num_triangles num_world_triangles
                 num_emissive_triangles bounds_min bounds_max has_environment has_glass has_alpha_masks
                 is_committed accel triangle_test accel_bytes scene_bytes num_nodes num_references tree_depth
                 tree_from_cache build_seconds sah_cost accel_build_seconds build_peak_bytes tree_refitted
-                has_blending patch_error }
+                has_blending patch_error patch_error_pixels }
             gpurt_kdtree { struct_size tree num_nodes num_references num_triangles bounds_min bounds_max nodes
                 references }
             gpurt_trace_desc { struct_size query format storage num_rays rays hits occluded offsets
-                hit_capacity schedule out_counters coherence image_width }
+                hit_capacity schedule out_counters coherence image_width count_lanes reserved }
+            gpurt_locate_desc { struct_size format num_hits hits geometry instance points positions normals }
             gpurt_frame_desc { struct_size width height camera outputs frame_index seed first_sample }
             gpurt_render_desc { struct_size pipeline samples_per_pixel target_error time_limit_s max_depth
                 tile_size progress progress_user schedule photon reyes }
@@ -221,17 +222,19 @@ fn layouts_and_defaults_agree() {
         gpurt_ray { origin tmin direction tmax }
         gpurt_hit { t u v primitive geometry instance padding }
         gpurt_hit_compact { t u v primitive }
+        gpurt_patch_point { patch u v }
         gpurt_tile { x0 y0 x1 y1 }
         gpurt_schedule { traversal launch fetch compaction shading generation reserved ray_budget }
         gpurt_schedule_counters { ray_refills list_rounds list_overflows mode_switches packets shared_triangles
-            compactions sorted_hits counted_rays wave_splits device_ns path_refills reserved }
+            compactions sorted_hits counted_rays wave_splits device_ns path_refills warp_steps lane_steps reserved }
         gpurt_photon_settings { photons_per_pass initial_radius estimator kernel remedies reserved }
         gpurt_photon_counters { num_emitted num_rays num_stored num_gathered num_visible num_sub_passes
             trace_seconds build_seconds gather_seconds smallest_radius emit_seconds scatter_seconds reserved }
-        gpurt_reyes_settings { shading_rate filter shading no_shadows flatness reserved }
+        gpurt_reyes_settings { shading_rate filter shading no_shadows flatness fragment_slots }
         gpurt_reyes_counters { num_patches num_triangles num_splits num_culled num_grids num_micropolygons
             num_fragments num_shaded largest_queue largest_bucket working_bytes bound_seconds split_seconds
-            dice_seconds sample_seconds split_rounds num_donated reserved }
+            dice_seconds sample_seconds split_rounds num_donated largest_fragments num_lost_fragments
+            reserved }
         gpurt_cuda_kernel { name num_launches block_threads registers local_bytes shared_bytes
             blocks_per_multiprocessor occupancy }
     }

@@ -124,6 +124,9 @@ pub struct ReyesSettings {
     pub no_shadows: bool,
     /// Above 0, micropolygons may be larger where they stay within so many pixels of the surface.
     pub flatness: f32,
+    /// 0: a sample keeps all fragments of surfaces that blend. Above 0, at most 64: a study variant, the fixed A-buffer: those
+    /// that come first, so many of them; the others are lost, and counted.
+    pub fragment_slots: u32,
 }
 
 impl Default for ReyesSettings {
@@ -134,6 +137,7 @@ impl Default for ReyesSettings {
             shading: ReyesShading::Auto,
             no_shadows: false,
             flatness: 0.0,
+            fragment_slots: 0,
         }
     }
 }
@@ -146,7 +150,7 @@ impl ReyesSettings {
             shading: self.shading as u32,
             no_shadows: self.no_shadows as u32,
             flatness: self.flatness,
-            reserved: [0; 1],
+            fragment_slots: self.fragment_slots,
         }
     }
 
@@ -161,6 +165,7 @@ impl ReyesSettings {
             shading: ReyesShading::from_raw(raw.shading)?,
             no_shadows: raw.no_shadows != 0,
             flatness: raw.flatness,
+            fragment_slots: raw.fragment_slots,
         }))
     }
 }
@@ -203,6 +208,10 @@ filled_struct! {
             split_rounds: u64,
             /// `Launch::Persistent`: pieces that a block gave away for others to cut.
             num_donated: u64,
+            /// Fragments of surfaces that blend that were kept at a time; a largest, not a sum.
+            largest_fragments: u64,
+            /// Fragments that found no slot, with [`ReyesSettings::fragment_slots`].
+            num_lost_fragments: u64,
         }
         converted {}
     }

@@ -30,8 +30,17 @@ pub struct BuildDesc {
     /// Kd-tree: factor on the cost of splits that cut off empty space.
     pub empty_bonus: f32,
     /// Largest distance, in metres of the world, between a patch and its triangles; 0: 1e-4 of the
-    /// diagonal of the patches' bounds.
+    /// diagonal of the patches' bounds, or none with `patch_pixels`.
     pub patch_tolerance: f32,
+    /// Above 0: largest distance between a patch and its triangles in pixels of a picture, as far as it shows them directly.
+    /// With `patch_tolerance` too, the smaller one holds.
+    pub patch_pixels: f32,
+    /// With `patch_pixels`: whose picture it is.
+    pub patch_camera: CameraId,
+    /// With `patch_pixels`: of the picture; 0: what the camera says, else 512.
+    pub patch_width: u32,
+    /// With `patch_pixels`: of the picture; 0: what the camera says, else 512.
+    pub patch_height: u32,
     /// How much time building may take.
     pub quality: BuildQuality,
     /// Kd-tree: reuse the tree of this file if it fits the scene, else build and write it.
@@ -47,6 +56,10 @@ impl Default for BuildDesc {
             traversal_cost: 0.0,
             empty_bonus: 0.0,
             patch_tolerance: 0.0,
+            patch_pixels: 0.0,
+            patch_camera: CameraId(0),
+            patch_width: 0,
+            patch_height: 0,
             quality: BuildQuality::Auto,
             tree_cache: None,
         }
@@ -256,6 +269,10 @@ impl Scene {
             traversal_cost: build.traversal_cost,
             empty_bonus: build.empty_bonus,
             patch_tolerance: build.patch_tolerance,
+            patch_pixels: build.patch_pixels,
+            patch_camera: build.patch_camera.0,
+            patch_width: build.patch_width,
+            patch_height: build.patch_height,
             quality: build.quality as u32,
             tree_cache_path: cache.as_ref().map_or(ptr::null(), |path| path.as_ptr()),
             ..Default::default()
@@ -355,6 +372,8 @@ filled_struct! {
             build_peak_bytes: u64,
             /// No point of a patch of the last commit is further from its triangles, in metres of the world.
             patch_error: f64,
+            /// The same in pixels of the picture of [`BuildDesc::patch_pixels`], for what it shows; infinite: none is proven.
+            patch_error_pixels: f64,
         }
         converted {
             /// There is light from infinity.

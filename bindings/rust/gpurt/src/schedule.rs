@@ -87,6 +87,10 @@ filled_struct! {
             wave_splits: u64,
             /// Paths that started in the place of ones that had ended.
             path_refills: u64,
+            /// Steps of traversal as warps took them, where lanes are counted.
+            warp_steps: u64,
+            /// The same as lanes took them.
+            lane_steps: u64,
         }
         converted {}
     }

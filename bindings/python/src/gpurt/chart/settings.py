@@ -18,7 +18,7 @@ def flag(text: str) -> bool:
 
 # Where each key goes, and what makes a value of its text.
 DEVICE_KEYS: Keys = {"device": str, "threads": int}
-COMMIT_KEYS: Keys = {"accel": str, "triangle_test": str, "patch_tolerance": float, "traversal_cost": float,
+COMMIT_KEYS: Keys = {"accel": str, "triangle_test": str, "patch_tolerance": float, "patch_pixels": float, "traversal_cost": float,
                "empty_bonus": float, "tree_cache": str}
 RENDER_KEYS: Keys = {"pipeline": str, "max_depth": int, "tile_size": int}
 # Of these two pipelines; the names are those that Frame.submit takes.

@@ -1,7 +1,7 @@
 //! Ray queries and tree exchange.
 use gpurt::{
-    Accel, BuildDesc, Coherence, Error, Hit, HitCompact, KdTreeNodeKind, Mesh, Ray, Scene, TriangleTest, IDENTITY,
-    INVALID_ID,
+    Accel, BuildDesc, Camera, Coherence, Error, Hit, HitCompact, KdTreeNodeKind, Mesh, Patches, Ray, Scene, TriangleTest,
+    IDENTITY, INVALID_ID,
 };
 
 use crate::room;
@@ -25,6 +25,40 @@ fn rays() -> [Ray; 3] {
         Ray::new([0.25, 0.5, 0.5], [0.0, 0.0, 1.0]),
         Ray::new([0.75, 0.75, 3.0], [0.0, 0.0, -1.0]).clip(0.0, 7.0),
     ]
+}
+
+#[test]
+fn hits_lead_to_patches() {
+    let scene = Scene::new(&room::cpu()).unwrap();
+    // A flat patch over the unit square: its parameters are x and y.
+    let points: Vec<[f32; 3]> = (0..16).map(|k| [(k % 4) as f32 / 3.0, (k / 4) as f32 / 3.0, 0.0]).collect();
+    let patches = scene.add_patches(&Patches::new(&points)).unwrap();
+    scene.add_instance(patches, IDENTITY).unwrap();
+    let mut over = Camera::default();
+    over.transform[2][3] = 2.0;
+    scene.add_camera(&over).unwrap();
+    let build = BuildDesc { patch_pixels: 0.5, patch_width: 64, patch_height: 32, ..Default::default() };
+    scene.commit_with(&build).unwrap();
+    // Flat, but for rounding.
+    assert!(scene.facts().unwrap().patch_error_pixels < 1e-5);
+
+    let rays = [Ray::new([0.25, 0.5, 1.0], [0.0, 0.0, -1.0]), Ray::new([2.0, 2.0, 1.0], [0.0, 0.0, -1.0])];
+    let hits = scene.closest(&rays).unwrap();
+    let surface = scene.locate_surface(&hits).unwrap();
+    assert_eq!(surface.points, scene.locate(&hits).unwrap());
+    let found = surface.points[0];
+    assert_eq!(found.patch, 0);
+    assert!((found.u - 0.25).abs() < 1e-6 && (found.v - 0.5).abs() < 1e-6, "{:?}", found);
+    assert!((surface.positions[0][0] - 0.25).abs() < 1e-6 && surface.normals[0][2] > 0.999, "{:?}", surface);
+    assert!(surface.points[1].is_miss());
+    let mut compact = [HitCompact::default(); 2];
+    scene.closest_into(&rays, &mut compact).unwrap();
+    assert_eq!(scene.locate_compact(&compact, patches).unwrap(), surface.points);
+    assert!(scene.locate(&[]).unwrap().is_empty());
+
+    let mut wrong = hits;
+    wrong[0].primitive = 1000;
+    assert!(matches!(scene.locate(&wrong), Err(Error::InvalidArgument(text)) if text.contains("hit 0 is of primitive 1000")));
 }
 
 #[test]
