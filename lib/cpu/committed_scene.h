@@ -22,6 +22,7 @@ class CpuScene final : public CommittedScene {
   PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
                            uint32_t points_per_axis) const override;
   void require_reyes() const override {}
+  bool own_light_has_rays() const override { return true; }
   HostKdTree export_tree(uint32_t tree) const override { return accelerator_->export_tree(tree); }
 
   Schedule resolve_schedule(const Schedule &asked, ScheduleUse) const override

@@ -82,8 +82,9 @@ Camera make_camera(const CameraData &data, uint32_t width, uint32_t height)
   return camera;
 }
 
-// Micropolygons' own light is direct light that nothing stands before, and samples keep it and nothing else.
-void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uint32_t outputs)
+// Samples keep micropolygons' own light and nothing else. Where it takes no rays, it is direct light that nothing stands
+// before.
+void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uint32_t outputs, bool has_rays)
 {
   const char *shading = reyes.shading == ReyesShading::Blocks ? "GPURT_REYES_SHADING_BLOCKS"
                                                               : "GPURT_REYES_SHADING_MICROPOLYGONS";
@@ -91,7 +92,9 @@ void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uin
     fail(GPURT_ERROR_UNSUPPORTED, "reyes.shading is {}, but {}; {}use GPURT_REYES_SHADING_SAMPLES", shading,
          what, remedy);
   };
-  if (!reyes.no_shadows) refuse("shadows are rays of samples", "set no_shadows, or ");
+  if (scene.has_blending) refuse("surfaces that blend are lit at samples", "");
+  if (!reyes.no_shadows && !has_rays)
+    refuse("shadows are rays of samples on this device", "set no_shadows, use a CPU device, or ");
   constexpr uint32_t own = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA |
                            1u << GPURT_OUTPUT_SAMPLE_COUNT | 1u << GPURT_OUTPUT_VARIANCE;
   for (uint32_t i = 0; i < GPURT_OUTPUT_COUNT; ++i) {
@@ -101,15 +104,18 @@ void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uin
                .c_str(),
            "create the frame without it, or ");
   }
+  if (has_rays) return;
   for (const PatchRange &range : scene.patch_ranges) {
-    if (range.num_patches == 0) refuse("triangles of meshes are not diced", "");
+    if (range.num_patches == 0)
+      refuse("triangles of meshes are not diced on this device", "use a CPU device, or ");
   }
   for (const Light &light : scene.lights) {
     if (light.type == LightType::Triangle)
-      refuse("light of lamps varies over a micropolygon's directions", "");
+      refuse("light of lamps comes by rays of samples on this device", "use a CPU device, or ");
   }
-  if (scene.environment.is_present) refuse("light of an environment comes by rays of samples", "");
-  if (scene.has_alpha_masks) refuse("alpha is looked up at samples", "");
+  if (scene.environment.is_present)
+    refuse("light of an environment comes by rays of samples on this device", "use a CPU device, or ");
+  if (scene.has_alpha_masks) refuse("alpha is looked up at samples on this device", "use a CPU device, or ");
 }
 
 }  // namespace
@@ -295,7 +301,9 @@ ReyesSettings Frame::resolve_reyes(const gpurt_reyes_settings &asked) const
   if (asked.no_shadows != 0) s.no_shadows = 1;
   if (asked.flatness != 0) s.flatness = asked.flatness;
   if (asked.fragment_slots != 0) s.fragment_slots = asked.fragment_slots;
-  if (s.shading != ReyesShading::Samples) check_own_light(s, *scene_.compiled, state_.settings.outputs);
+  if (s.shading != ReyesShading::Samples) {
+    check_own_light(s, *scene_.compiled, state_.settings.outputs, scene_.committed->own_light_has_rays());
+  }
   return s;
 }
 

@@ -3,6 +3,7 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
+#include <bit>
 #include <cstring>
 
 #include "core/reyes/blend.h"
@@ -64,21 +65,49 @@ class BlendScratch {
   std::vector<Hit> standing_;
 };
 
+// One thread's memory for micropolygons that are lit by rays.
+class PointScratch {
+ public:
+  // 0: none are.
+  explicit PointScratch(uint64_t num_samples)
+      : points_(num_samples), point_of_(num_samples), table_(table_size(num_samples))
+  {}
+
+  static uint64_t bytes(uint64_t num_samples)
+  {
+    return num_samples * (sizeof(ShadedPoint) + sizeof(uint32_t)) +
+           table_size(num_samples) * sizeof(uint32_t);
+  }
+
+  PointMemory memory() { return {points_.data(), point_of_.data(), table_.data(), uint32_t(table_.size())}; }
+
+ private:
+  // Half of it stays empty at least.
+  static uint64_t table_size(uint64_t num_samples)
+  {
+    return num_samples != 0 ? std::bit_ceil(2 * num_samples) : 0;
+  }
+
+  std::vector<ShadedPoint> points_;
+  std::vector<uint32_t> point_of_, table_;
+};
+
 // One thread's memory for the samples of a bucket, for a wave of paths and for films.
 class Scratch {
  public:
-  Scratch(uint64_t num_samples, uint64_t num_cells, uint64_t num_fragments)
+  Scratch(uint64_t num_samples, uint64_t num_cells, uint64_t num_fragments, bool lights_by_rays)
       : blend_(num_samples, num_fragments),
+        points_(lights_by_rays ? num_samples : 0),
         floats_(8 * num_samples),
         ids_(2 * num_samples + num_cells + 1),
         num_samples_(num_samples),
         wave_(shaded_paths)
   {}
 
-  static uint64_t bytes(uint64_t num_samples, uint64_t num_cells)
+  static uint64_t bytes(uint64_t num_samples, uint64_t num_cells, bool lights_by_rays)
   {
     return num_samples * (8 * sizeof(float) + 2 * sizeof(uint32_t)) + (num_cells + 1) * sizeof(uint32_t) +
-           WaveScratch::bytes(shaded_paths);
+           WaveScratch::bytes(shaded_paths) + (lights_by_rays ? PointScratch::bytes(num_samples) : 0);
   }
 
   ReyesMemory memory()
@@ -98,11 +127,13 @@ class Scratch {
   }
   PathWave wave() { return wave_.wave(); }
   BlendMemory blend_memory() { return blend_.memory(); }
+  PointMemory point_memory() { return points_.memory(); }
 
   TileFilm film, bucket_film;
 
  private:
   BlendScratch blend_;
+  PointScratch points_;
   std::vector<float> floats_;
   std::vector<uint32_t> ids_;
   uint64_t num_samples_;
@@ -128,6 +159,23 @@ RenderCounters counters_from(const ReyesKernelCounters &k, uint64_t num_samples)
   return c;
 }
 
+// Lamps or an environment, which rays from surfaces may meet.
+bool has_light_to_find(const SceneView &scene)
+{
+  bool has_lamps = false;
+  for (uint32_t i = 0; i < scene.num_tree_lights; ++i)
+    has_lamps |= scene.lights[i].type == LightType::Triangle;
+  return has_lamps || scene.environment.is_present != 0;
+}
+
+bool has_meshes(const ReyesScene &scene)
+{
+  for (uint32_t i = 0; i < scene.scene.num_segments; ++i) {
+    if (scene.patches[i].num_patches == 0 && scene.scene.segments[i].num_triangles != 0) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const ReyesScene &scene,
@@ -141,6 +189,10 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
     fail_invalid("the scene has {} patches and triangles through its instances; REYES takes at most {}",
                  num_roots, max_roots);
   }
+  const bool has_found_light = has_light_to_find(scene.scene);
+  const bool lights_by_rays =
+      reyes.shading != ReyesShading::Samples &&
+      (!reyes.no_shadows || has_found_light || scene.scene.has_alpha_masks || has_meshes(scene));
   uint64_t most_samples = 1, film_bytes = 0;
   for (const WorkUnit &u : pass.units) {
     most_samples = std::max(most_samples, u.num_samples);
@@ -154,14 +206,14 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
     const uint64_t left = memory->limit() - std::min(memory->limit(), memory->used());
     const auto bytes = [&] {
       return uint64_t(arena.max_concurrency()) *
-             Scratch::bytes(uint64_t(edge) * edge * most_samples, largest_cells(edge));
+             Scratch::bytes(uint64_t(edge) * edge * most_samples, largest_cells(edge), lights_by_rays);
     };
     while (edge > 8 && bytes() > left / 4) edge /= 2;
   }
   const uint64_t num_samples = uint64_t(edge) * edge * most_samples, num_cells = largest_cells(edge);
   film_bytes += TileFilm::bytes_for(uint64_t(edge) * edge, pass.outputs);
-  uint64_t scratch_bytes =
-      uint64_t(arena.max_concurrency()) * (Scratch::bytes(num_samples, num_cells) + film_bytes);
+  uint64_t scratch_bytes = uint64_t(arena.max_concurrency()) *
+                           (Scratch::bytes(num_samples, num_cells, lights_by_rays) + film_bytes);
   uint64_t num_fragments = 0;
   if (scene.scene.has_blending) {
     scratch_bytes += uint64_t(arena.max_concurrency()) * num_samples * BlendScratch::bytes_per_sample();
@@ -181,9 +233,6 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
   uint64_t list_bytes = default_list_bytes;
   if (memory && memory->limit() != 0)
     list_bytes = std::min(list_bytes, (memory->limit() - std::min(memory->limit(), memory->used())) / 2);
-  bool has_found_light = scene.scene.environment.is_present != 0;
-  for (uint32_t i = 0; i < scene.scene.num_tree_lights; ++i)
-    has_found_light |= scene.scene.lights[i].type == LightType::Triangle;
   const auto is_cancelled = [&] {
     return pass.cancelled != nullptr && pass.cancelled->load(std::memory_order_relaxed);
   };
@@ -196,7 +245,7 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
     std::atomic<bool> is_first{true};
     const double bound_seconds = steady_seconds() - start;
     tbb::enumerable_thread_specific<Scratch> scratches(
-        [&] { return Scratch(num_samples, num_cells, num_fragments); });
+        [&] { return Scratch(num_samples, num_cells, num_fragments, lights_by_rays); });
     tbb::parallel_for(
         tbb::blocked_range<size_t>(0, pass.units.size(), 1),
         [&](const tbb::blocked_range<size_t> &range) {
@@ -222,7 +271,8 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
                                          unit.num_samples,
                                          buckets.has_lists() ? roots.data() : nullptr,
                                          buckets.has_lists() ? roots.size() : num_roots,
-                                         has_found_light};
+                                         has_found_light,
+                                         lights_by_rays};
                 largest_bucket = std::max(largest_bucket, bucket.num_roots);
                 scratch.bucket_film.reset(x1 - x, y1 - y, pass.outputs);
                 if (scene.scene.has_blending) {
@@ -231,8 +281,8 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
                 } else {
                   kernels.find_visible(scene, pass.settings, reyes, bucket, samples, steady_seconds,
                                        counters);
-                  kernels.shade(accel, scene, pass.settings, reyes, bucket, samples, wave, shaded_paths,
-                                scratch.bucket_film.view(), steady_seconds, counters);
+                  kernels.shade(accel, scene, pass.settings, reyes, bucket, samples, scratch.point_memory(),
+                                wave, shaded_paths, scratch.bucket_film.view(), steady_seconds, counters);
                 }
                 add_film(scratch.film, scratch.bucket_film, x - unit.x0, y - unit.y0);
                 x = x1;

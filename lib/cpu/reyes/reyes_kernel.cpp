@@ -6,6 +6,7 @@
 #include "cpu/reyes/dice_grid.h"
 #include "cpu/reyes/own_light.h"
 #include "cpu/reyes/places.h"
+#include "cpu/reyes/ray_light.h"
 #include "cpu/reyes/sample_loops.h"
 #include "cpu/reyes/shade_grid.h"
 #include "cpu/reyes/shade_samples.h"
@@ -51,13 +52,15 @@ void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, 
 // Splits, dices, shades if need be, and samples patches.
 class PatchPipeline {
  public:
-  // `own`: null, or what micropolygons' own light depends on.
+  // `own`: null, or what micropolygons' own light depends on. `lights_by_rays`: samples keep what of a grid they see, to be
+  // lit later.
   PatchPipeline(const SceneView &scene, const RasterProjection &projection, const DiceSettings &dice,
-                const OwnLight *own, BlockSampler &sampler, double (*seconds)(),
+                const OwnLight *own, bool lights_by_rays, BlockSampler &sampler, double (*seconds)(),
                 ReyesKernelCounters &counters)
       : scene_(scene),
-        own_(own),
-        has_plain_lights_(own != nullptr && has_plain_lights(scene)),
+        own_(lights_by_rays ? nullptr : own),
+        rays_(lights_by_rays ? own : nullptr),
+        has_plain_lights_(own_ != nullptr && has_plain_lights(scene)),
         projection_(projection),
         dice_(dice),
         sampler_(sampler),
@@ -117,12 +120,17 @@ class PatchPipeline {
       counters_.num_shaded += 1u << (piece.grid_u - light_.shift_u + piece.grid_v - light_.shift_v);
       charge(counters_.path.stage_seconds[uint32_t(PathStage::Shade)]);
     }
-    sampler_.sample_grid(grid_, own_ != nullptr ? &light_ : nullptr);
+    if (rays_ != nullptr) {
+      const GridMiddles middles = middles_of(piece, rays_->block_bits);
+      sampler_.sample_grid(grid_, nullptr, &middles);
+    } else {
+      sampler_.sample_grid(grid_, own_ != nullptr ? &light_ : nullptr);
+    }
     charge(counters_.sample_seconds);
   }
 
   const SceneView &scene_;
-  const OwnLight *const own_;
+  const OwnLight *const own_, *const rays_;
   const bool has_plain_lights_;
   const RasterProjection &projection_;
   const DiceSettings dice_;
@@ -144,11 +152,11 @@ void put_roots(const ReyesScene &scene, const PathSettings &settings, const Reye
   const DiceSettings dice{1.0f / sqrt(reyes.shading_rate), 0.5f * float(settings.camera.width),
                           0.5f * float(settings.camera.height), reyes.flatness};
   const bool has_own_light = reyes.shading != ReyesShading::Samples;
-  BlockSampler sampler(scene, projection, block, has_own_light, sink);
+  BlockSampler sampler(scene, projection, block, has_own_light && !bucket.lights_by_rays, sink);
   const OwnLight own =
       own_light(projection, reyes.shading == ReyesShading::Blocks ? 1 : 0, settings.max_depth >= 2);
-  PatchPipeline patches(scene.scene, projection, dice, has_own_light ? &own : nullptr, sampler, seconds,
-                        counters);
+  PatchPipeline patches(scene.scene, projection, dice, has_own_light ? &own : nullptr, bucket.lights_by_rays,
+                        sampler, seconds, counters);
   uint32_t r = 0;
   for (uint64_t i = 0; i < bucket.num_roots; ++i) {
     const uint32_t root = bucket.roots != nullptr ? bucket.roots[i] : uint32_t(i);
@@ -289,9 +297,14 @@ class ReyesExecutor : public SerialExecutor {
 
 void shade(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
            const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory,
-           const PathWave &wave, uint32_t wave_capacity, const FilmView &film, double (*seconds)(),
-           ReyesKernelCounters &counters)
+           const PointMemory &points, const PathWave &wave, uint32_t wave_capacity, const FilmView &film,
+           double (*seconds)(), ReyesKernelCounters &counters)
 {
+  if (bucket.lights_by_rays) {
+    RayLight(accel, scene, settings, reyes, bucket, memory, points, wave, wave_capacity, seconds, counters)
+        .run(film, counters);
+    return;
+  }
   if (reyes.shading != ReyesShading::Samples) {
     const double start = seconds();
     resolve_own_light(reyes, bucket, memory, film, counters);

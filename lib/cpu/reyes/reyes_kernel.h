@@ -20,6 +20,7 @@ struct ReyesBucket {
   const uint32_t *roots;  // what may be seen there, in ascending order; null: all roots of the scene
   uint64_t num_roots;
   bool has_found_light;  // lamps or an environment: light that rays from surfaces may meet
+  bool lights_by_rays;   // micropolygons' own light is found after visibility; see ray_light.h
 };
 
 // One thread's memory for the samples of a bucket.
@@ -30,6 +31,24 @@ struct ReyesMemory {
   uint32_t *root;
   uint32_t *slot;   // where a sample lies in the sorted arrays
   uint32_t *first;  // of each cell
+};
+
+// Samples of a pixel, even ones or odd ones, for which one path finds the light of a point.
+constexpr uint32_t samples_per_path = 16;
+
+// A micropolygon, a block of them or a sample's point of a mesh, and its light.
+struct ShadedPoint {
+  uint32_t slot;   // of a sample that sees it
+  uint32_t group;  // of the samples that it is for
+  Vec3f light;
+};
+
+// Besides, where micropolygons' own light is found by rays.
+struct PointMemory {
+  ShadedPoint *points;  // as many as samples
+  uint32_t *point_of;   // of each sample, by its slot
+  uint32_t *table;      // of points, by their hashes
+  uint32_t table_size;  // a power of two, above the number of samples
 };
 
 // Besides, for a bucket with surfaces that blend. All but the fragments are of a sample, by its slot.
@@ -71,8 +90,8 @@ struct ReyesKernels {
   /// Shades what samples see and adds them to the bucket's film, a wave of at most wave_capacity at a time.
   void (*shade)(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
                 const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory,
-                const PathWave &wave, uint32_t wave_capacity, const FilmView &film, double (*seconds)(),
-                ReyesKernelCounters &counters);
+                const PointMemory &points, const PathWave &wave, uint32_t wave_capacity, const FilmView &film,
+                double (*seconds)(), ReyesKernelCounters &counters);
   /// Both, for scenes with surfaces that blend. Pixel (x, y) of the frame is pixel (x - bucket.x0, y - bucket.y0) of the film.
   void (*blend)(const CpuAccel &accel, const ReyesScene &scene, const PathSettings &settings,
                 const ReyesSettings &reyes, const ReyesBucket &bucket, const ReyesMemory &memory,

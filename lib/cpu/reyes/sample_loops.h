@@ -16,6 +16,25 @@ constexpr uint32_t samples_per_run = 64;
 // A micropolygon looks at num_lanes samples at a time, of the few that its cells of a row have. x, y, z and root of a block may
 // be read so far beyond their ends, and written what they hold: other arrays of the same thread follow (ReyesMemory).
 
+// Where the light of a grid's micropolygons, or of its blocks of them, is computed.
+struct GridMiddles {
+  Piece piece;
+  uint32_t bits_u, bits_v;    // log2 of the points along the sides
+  uint32_t shift_u, shift_v;  // log2 of the micropolygons that share one
+
+  Vec2f of(uint32_t i, uint32_t j) const
+  {
+    return {parameter(middle_of_part(piece.u, piece.u_bits, bits_u, i >> shift_u)),
+            parameter(middle_of_part(piece.v, piece.v_bits, bits_v, j >> shift_v))};
+  }
+};
+
+GPURT_INLINE GridMiddles middles_of(const Piece &p, uint32_t block_bits)
+{
+  const uint32_t bits_u = shaded_bits(p.grid_u, block_bits), bits_v = shaded_bits(p.grid_v, block_bits);
+  return {p, bits_u, bits_v, p.grid_u - bits_u, p.grid_v - bits_v};
+}
+
 // Puts micropolygons and triangles, root by root, into the samples of a block.
 class BlockSampler {
  public:
@@ -38,11 +57,14 @@ class BlockSampler {
     largest_ = largest;
   }
 
-  // `light`: null, or what samples keep of the grid's micropolygons in place of the root.
-  void sample_grid(const Grid &grid, const GridLight *light)
+  // `light`: null, or what samples keep of the grid's micropolygons in place of the root. `middles`: null, or what they keep
+  // in place of where they are on the patch.
+  void sample_grid(const Grid &grid, const GridLight *light, const GridMiddles *middles = nullptr)
   {
-    if (light != nullptr) sample_rows<true>(grid, light);
-    else sample_rows<false>(grid, nullptr);
+    keeps_middle_ = middles != nullptr;
+    if (light != nullptr) sample_rows<true>(grid, light, nullptr);
+    else sample_rows<false>(grid, nullptr, middles);
+    keeps_middle_ = false;
   }
 
   // Any triangle, whatever its size and place.
@@ -98,7 +120,7 @@ class BlockSampler {
 
  private:
   template <bool has_light>
-  void sample_rows(const Grid &grid, const GridLight *light)
+  void sample_rows(const Grid &grid, const GridLight *light, const GridMiddles *middles)
   {
     const uint32_t width = grid.num_u + 1;
     const SampleBlock block = block_;
@@ -116,6 +138,7 @@ class BlockSampler {
         for (; left != 0; left &= left - 1) {
           const uint32_t k = uint32_t(__builtin_ctz(left)), i = first + k, a = j * width + i;
           const uint32_t own = has_light ? light->of(i, j) : 0;
+          if (!has_light && middles != nullptr) middle_ = middles->of(i, j);
           if (tiny >> k & 1) {
             sample_tiny_quad(block, quads, k, grid, a, has_light, lanes(own), num_fragments);
             continue;
@@ -271,10 +294,11 @@ class BlockSampler {
       block_.root[slot] = light_;
       return;
     }
+    const Vec2f kept = keeps_middle_ ? middle_ : place;
     if (z == block_.z[slot]) {
       const uint32_t root = block_.root[slot];
       if (root < root_) return;
-      if (root == root_ && place_key(place) >= place_key({block_.u[slot], block_.v[slot]})) return;
+      if (root == root_ && place_key(kept) >= place_key({block_.u[slot], block_.v[slot]})) return;
     }
     if (sink_ != nullptr) {
       const Hit hit = hit_of_root(scene_, root_, place.x, place.y, 0.0f);
@@ -289,8 +313,8 @@ class BlockSampler {
     ++num_fragments_;
     block_.z[slot] = z;
     block_.root[slot] = root_;
-    block_.u[slot] = place.x;
-    block_.v[slot] = place.y;
+    block_.u[slot] = kept.x;
+    block_.v[slot] = kept.y;
   }
 
   const FragmentSink *const sink_;
@@ -301,6 +325,8 @@ class BlockSampler {
   const bool has_masks_, has_own_light_;
   uint32_t root_ = invalid_id;
   uint32_t light_ = 0;  // of the micropolygon, packed
+  bool keeps_middle_ = false;
+  Vec2f middle_{};  // of the micropolygon, or of its block
   RasterPoint largest_{};
   uint64_t num_fragments_ = 0;
 };
