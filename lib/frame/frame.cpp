@@ -82,8 +82,8 @@ Camera make_camera(const CameraData &data, uint32_t width, uint32_t height)
   return camera;
 }
 
-// Samples keep micropolygons' own light and nothing else. Where it takes no rays, it is direct light that nothing stands
-// before.
+// On devices whose own light has no rays it is direct light that nothing stands before, and samples keep it and nothing
+// else.
 void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uint32_t outputs, bool has_rays)
 {
   const char *shading = reyes.shading == ReyesShading::Blocks ? "GPURT_REYES_SHADING_BLOCKS"
@@ -93,18 +93,19 @@ void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uin
          what, remedy);
   };
   if (scene.has_blending) refuse("surfaces that blend are lit at samples", "");
-  if (!reyes.no_shadows && !has_rays)
+  if (has_rays) return;
+  if (!reyes.no_shadows)
     refuse("shadows are rays of samples on this device", "set no_shadows, use a CPU device, or ");
   constexpr uint32_t own = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA |
                            1u << GPURT_OUTPUT_SAMPLE_COUNT | 1u << GPURT_OUTPUT_VARIANCE;
   for (uint32_t i = 0; i < GPURT_OUTPUT_COUNT; ++i) {
     if ((outputs & ~own & 1u << i) == 0) continue;
-    refuse(fmt::format("samples then know their light alone, not what {} of the frame asks for",
-                       output_name(gpurt_output(i)))
-               .c_str(),
-           "create the frame without it, or ");
+    refuse(
+        fmt::format("samples of this device then know their light alone, not what {} of the frame asks for",
+                    output_name(gpurt_output(i)))
+            .c_str(),
+        "create the frame without it, use a CPU device, or ");
   }
-  if (has_rays) return;
   for (const PatchRange &range : scene.patch_ranges) {
     if (range.num_patches == 0)
       refuse("triangles of meshes are not diced on this device", "use a CPU device, or ");

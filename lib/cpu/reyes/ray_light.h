@@ -1,4 +1,5 @@
-// Micropolygons' own light where it takes rays, or where not all that is seen is a micropolygon.
+// Micropolygons' own light where it takes rays, where not all that is seen is a micropolygon, or where more than light is
+// asked for.
 //
 // Samples keep the micropolygon that they see, by its patch and the middle of its (u, v): the light of each is then found
 // once, however many samples see it, and of none that nobody sees. The point is that of the patch's tessellation, from
@@ -228,8 +229,10 @@ class RayLight : public SerialExecutor {
     return 1;
   }
 
+  // Features of a sample are those of its point, but for the depth, which is its own.
   void add_samples(const FilmView &film)
   {
+    const bool has_features = film.features != nullptr || film.first_hits != nullptr;
     const PathUnit unit{bucket_.x0, bucket_.y0, bucket_.x1, bucket_.y1, bucket_.first_sample, 0};
     for (uint32_t k = 0; k < num_paths(); ++k) {
       const PathSample s = path_sample(unit, k);
@@ -240,6 +243,13 @@ class RayLight : public SerialExecutor {
       else if (scene_.scene.environment.is_present)
         light = environment_radiance(scene_.scene, ray_of_sample(settings_.camera, memory_, s, k).direction);
       light *= memory_.weight[k];
+      if (has_features) {
+        const Ray ray = ray_of_sample(settings_.camera, memory_, s, k);
+        const Hit hit = hit_of_sample(scene_, settings_.camera, ray, memory_.root[slot], memory_.z[slot],
+                                      {memory_.u[slot], memory_.v[slot]});
+        EyeFeatures{scene_.scene, settings_, film}(s.sample, s.local, ray, hit,
+                                                   [](int64_t &sum, int64_t term) { sum += term; });
+      }
       add_sample(film.pixels[s.local], s.sample, light, covered);
       const float largest = max_component(light);
       if (largest > counters_.largest_sample) counters_.largest_sample = largest;
