@@ -28,7 +28,8 @@ struct Answers {
 
 template <class T>
 Answers<T> trace(gpurt_scene scene, gpurt_query query, gpurt_hit_format format,
-                 const std::vector<gpurt_ray> &rays, const gpurt_schedule &schedule)
+                 const std::vector<gpurt_ray> &rays, const gpurt_schedule &schedule,
+                 bool counts_lanes = false)
 {
   Answers<T> answers;
   answers.values.resize(rays.size());
@@ -41,6 +42,7 @@ Answers<T> trace(gpurt_scene scene, gpurt_query query, gpurt_hit_format format,
   else desc.hits = answers.values.data();
   desc.schedule = schedule;
   desc.out_counters = &answers.counters;
+  desc.count_lanes = counts_lanes ? 1 : 0;
   GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
   return answers;
 }
@@ -184,6 +186,90 @@ TEST(CudaSchedules, OfQueriesInBvhsGiveTheSameHits)
     compare_schedules(device, content, amount(600'011, 5'003), GPURT_ACCEL_BVH);
   for (const gpurt_triangle_test test : {GPURT_TRIANGLE_MOLLER_TRUMBORE, GPURT_TRIANGLE_DOUBLE})
     compare_schedules(device, test_scenes()[0], amount(100'003, 2'003), GPURT_ACCEL_BVH, test);
+}
+
+double active_lanes(const Counters &c) { return double(c.lane_steps) / (32 * double(c.warp_steps)); }
+
+// Of a warp whose rays are one and the same all lanes work, of one with a single ray that hits something one of 32; and
+// whatever the rays, kernels that count lanes find the hits that the others do.
+void compare_counting(gpurt_device device, const TestScene &content, gpurt_accel accel, uint64_t num_rays)
+{
+  SCOPED_TRACE(content.name);
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  const RayTargets targets = content.fill(scene);
+  commit(scene, accel);
+  const std::vector<gpurt_ray> rays = make_rays(targets, num_rays);
+  const gpurt_schedule plain = make_schedule(GPURT_TRAVERSAL_STACK);
+  const auto expected = trace<gpurt_hit>(scene, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays, plain);
+  EXPECT_EQ(expected.counters.warp_steps + expected.counters.lane_steps, 0u);
+  uint64_t seen = 0;
+  while (expected.values.at(seen).primitive == GPURT_INVALID_ID) ++seen;
+  // Batches of whole warps, too small for those that look at the order of rays.
+  const std::vector<gpurt_ray> alike(4096, rays[seen]);
+  gpurt_ray nothing = rays[seen];
+  for (float &d : nothing.direction) d = 0;
+  std::vector<gpurt_ray> single(4096, nothing);
+  for (size_t i = 0; i < single.size(); i += 32) single[i + 7] = rays[seen];
+  std::vector<QuerySchedule> schedules = accel == GPURT_ACCEL_BVH ? bvh_query_schedules() : query_schedules();
+  schedules.insert(schedules.begin(), {"stack", plain, {}, ""});
+  schedules.push_back({"auto", GPURT_SCHEDULE_INIT, {}, ""});
+  for (const QuerySchedule &q : schedules) {
+    SCOPED_TRACE(q.name);
+    const auto counted = trace<gpurt_hit>(scene, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays, q.schedule, true);
+    EXPECT_EQ(num_differences(counted.values, expected.values), 0u);
+    EXPECT_GT(counted.counters.lane_steps, counted.counters.warp_steps);
+    EXPECT_LT(counted.counters.lane_steps, 32 * counted.counters.warp_steps);
+    for (const auto count : q.counts) {
+      if (count != &Counters::list_overflows) {
+        EXPECT_GT(counted.counters.*count, 0u);
+      }
+    }
+    const auto of_alike =
+        trace<gpurt_hit>(scene, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, alike, q.schedule, true);
+    EXPECT_EQ(of_alike.counters.lane_steps, 32 * of_alike.counters.warp_steps);
+    // Lists put rays of several warps together in their second round, and persistent threads draw them.
+    if (q.schedule.launch == GPURT_LAUNCH_REGULAR && q.schedule.traversal != GPURT_TRAVERSAL_LEAF_LISTS) {
+      const auto of_single =
+          trace<gpurt_hit>(scene, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, single, q.schedule, true);
+      EXPECT_EQ(of_single.counters.lane_steps, of_single.counters.warp_steps);
+      // As many steps as a warp of such rays takes together.
+      EXPECT_EQ(of_single.counters.warp_steps, of_alike.counters.warp_steps);
+    }
+    std::printf("%s, %s: %.1f lanes\n", content.name.c_str(), q.name, 32 * active_lanes(counted.counters));
+  }
+}
+
+TEST(CudaSchedules, CountLanesThatWork)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  for (const TestScene &content : test_scenes()) {
+    for (const gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+      compare_counting(device, content, accel, amount(300'007, 5'003));
+  }
+}
+
+TEST(CudaSchedules, RefuseToCountLanesOfOtherTests)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device device = make_device(GPURT_DEVICE_CUDA);
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  test_scenes()[0].fill(scene);
+  commit(scene, GPURT_ACCEL_BVH, GPURT_TRIANGLE_DOUBLE);
+  const gpurt_ray ray = {{0, 0, 5}, 0, {0, 0, -1}, 10};
+  gpurt_hit hit;
+  Counters counters = GPURT_SCHEDULE_COUNTERS_INIT;
+  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+  desc.num_rays = 1;
+  desc.rays = &ray;
+  desc.hits = &hit;
+  desc.count_lanes = 1;
+  desc.out_counters = &counters;
+  EXPECT_EQ(gpurt_scene_trace(scene, &desc), GPURT_ERROR_UNSUPPORTED);
+  EXPECT_NE(std::string(gpurt_last_error()).find("GPURT_TRIANGLE_WATERTIGHT"), std::string::npos)
+      << gpurt_last_error();
 }
 
 // Lists of leaves take what memory there is.

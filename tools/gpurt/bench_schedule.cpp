@@ -182,12 +182,29 @@ struct Measured {
   gpurt_schedule_counters counters = GPURT_SCHEDULE_COUNTERS_INIT;  // of one run
   std::vector<gpurt_cuda_kernel> kernels;
   std::vector<unsigned char> result;
+  std::vector<unsigned char> counted_result;  // of the run that counted lanes; empty: none did
+  uint64_t warp_steps = 0, lane_steps = 0;
+
+  double active_lanes() const { return double(lane_steps) / (32 * double(warp_steps)); }  // a share
 };
 
 double median(std::vector<double> values)
 {
   std::sort(values.begin(), values.end());
   return values[values.size() / 2];
+}
+
+// Once more, by kernels that count the lanes of warps that work; they have the same hits.
+void count_lanes(gpurt_scene scene, gpurt_trace_desc desc, Measured &m)
+{
+  gpurt_schedule_counters counters = GPURT_SCHEDULE_COUNTERS_INIT;
+  m.counted_result.resize(m.result.size());
+  desc.hits = m.counted_result.data();
+  desc.count_lanes = 1;
+  desc.out_counters = &counters;
+  check(gpurt_scene_trace(scene, &desc));
+  m.warp_steps = counters.warp_steps;
+  m.lane_steps = counters.lane_steps;
 }
 
 // Time on the device: what the kernels take, with what the host does between them.
@@ -220,6 +237,7 @@ Measured measure_query(gpurt_device device, gpurt_scene scene, const RaySet &set
   }
   m.seconds = median(seconds);
   m.kernels = kernels_since(device, before);
+  if (!is_any) count_lanes(scene, desc, m);
   return m;
 }
 
@@ -303,7 +321,8 @@ class Report {
     has_reference_ = false;
     what_ = what;
     if (!o_.json)
-      fmt::print("\n{:<28} {:>12} {:>8} {:>6}   {}\n", what, unit, "x first", "talk", "kernels; counted");
+      fmt::print("\n{:<28} {:>12} {:>8} {:>6} {:>6}   {}\n", what, unit, "x first", "talk", "lanes",
+                 "kernels; counted");
   }
 
   void add(const NamedSchedule &s, const Measured &m, double work)
@@ -319,7 +338,8 @@ class Report {
       reference_name_ = s.name;
     }
     // Bits first: a fast schedule that answers otherwise is no schedule.
-    const bool same = m.result == reference_.result;
+    const bool same =
+        m.result == reference_.result && (m.counted_result.empty() || m.counted_result == m.result);
     all_same_ = all_same_ && same;
     const double rate = work / m.seconds * 1e-6, factor = reference_.seconds / m.seconds;
     if (o_.json) {
@@ -330,6 +350,11 @@ class Report {
                    {"same_bits", same},    {"counters", counters_json(m.counters)},
                    {"kernels", kernels}};
       if (s.talk != 0) line["talk_x"] = s.talk;
+      if (m.warp_steps != 0) {
+        line["active_lanes"] = m.active_lanes();
+        line["warp_steps"] = m.warp_steps;
+        line["lane_steps"] = m.lane_steps;
+      }
       print(std::move(line));
       return;
     }
@@ -337,8 +362,9 @@ class Report {
     const std::string counted = counters_text(m.counters),
                       kernels = kernels_text(
                           m.kernels, is_first ? std::vector<gpurt_cuda_kernel>() : reference_.kernels);
-    fmt::print("{:<28} {:>12.1f} {:>8.2f} {:>6}   {}{}{}\n", s.name, rate, factor,
-               s.talk != 0 ? fmt::format("{:.1f}", s.talk) : "", kernels,
+    fmt::print("{:<28} {:>12.1f} {:>8.2f} {:>6} {:>6}   {}{}{}\n", s.name, rate, factor,
+               s.talk != 0 ? fmt::format("{:.1f}", s.talk) : "",
+               m.warp_steps != 0 ? fmt::format("{:.0f} %", 100 * m.active_lanes()) : "", kernels,
                counted.empty() ? "" : (kernels.empty() ? "" : "; ") + counted,
                same ? "" : "; DIFFERENT BITS");
     std::fflush(stdout);
@@ -434,8 +460,8 @@ void add_bench_schedule_command(CLI::App &bench)
   command->footer(R"(
 Times queries (on the device, without copies) and renders (as a whole) under every schedule, with the registers and the
 occupancy of the kernels that ran and what was counted. "x first" compares with the first line; "talk" is the figure of
-the 2009 talk that these schedules come from. All results must have the same bits. docs/schedules.md explains them, and
-tells how many lanes of a warp work.
+the 2009 talk that these schedules come from; "lanes" is the share of a warp's lanes that work at a step of traversal, which
+closest hits count in a run of its own. All results must have the same bits. docs/schedules.md explains them.
 
 Examples:
   gpurt bench schedule

@@ -28,6 +28,7 @@
 #pragma once
 
 #include "core/accel/bvh.h"
+#include "core/accel/count_step.h"
 #include "core/accel/trace_ray.h"
 
 namespace gpurt {
@@ -131,6 +132,7 @@ GPURT_HD inline void traverse_bvh(const BvhView &tree, const TraceRay &ray, floa
   for (;;) {
     // Descend to a leaf; postpone second children.
     while (!is_bvh_leaf(current)) {
+      count_step();
       const BvhNode node = load_node(tree.nodes, current);
       float enter0 = r.begin, leave0 = end, enter1 = r.begin, leave1 = end;
       clip_to_box(r, node.center0, half0(node.half[0]), half0(node.half[1]), half0(node.half[2]), enter0,

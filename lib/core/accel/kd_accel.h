@@ -1,6 +1,7 @@
 // The kd-tree accelerator of a scene as kernels read it: a tree for every group, and one over the placements.
 #pragma once
 
+#include "core/accel/count_step.h"
 #include "core/accel/kd_tree.h"
 #include "core/accel/ray_triangle.h"
 
@@ -41,6 +42,7 @@ GPURT_INLINE bool test_triangles(const LeafTriangle *triangles, uint32_t count, 
                                  float tmin, const float &limit, const uint32_t &known, OnHit &&on_hit)
 {
   for (uint32_t i = 0; i < count; ++i) {
+    count_step();
     const LeafTriangle &x = triangles[i];
     if (x.triangle == known) continue;
     TriangleHit hit;

@@ -27,6 +27,7 @@
 // change what is hit.
 #pragma once
 
+#include "core/accel/count_step.h"
 #include "core/accel/kd_tree.h"
 #include "core/accel/trace_ray.h"
 
@@ -139,6 +140,7 @@ GPURT_INLINE KdNode kd_descend(const KdTreeView &tree, const KdRay &r, Cursor &a
 {
   KdNode node = tree.nodes[at.index];
   while (!is_leaf(node)) {
+    count_step();
     const KdAxis x = axis_of(r, axis(node));
     const float s = (plane(node) - x.origin) * x.inverse;
     const float begin = s - x.widening, end = s + x.widening;

@@ -5,6 +5,9 @@
 #include "cuda/accel/ray_io.h"
 
 namespace gpurt::cuda {
+
+GPURT_KERNELS_BEGIN
+
 namespace {
 
 template <class Variant>
@@ -35,4 +38,5 @@ void launch_any(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uin
   });
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

@@ -3,9 +3,12 @@
 
 namespace gpurt::cuda {
 
+GPURT_KERNELS_BEGIN
+
 void launch_bvh_refill(const TraceScene &scene, TraceQuery query, const NearBatch &batch, cudaStream_t stream)
 {
   launch_refill<BvhWalk>(scene, query, batch, stream);
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

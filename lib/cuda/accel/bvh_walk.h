@@ -5,6 +5,8 @@
 
 namespace gpurt::cuda {
 
+GPURT_KERNELS_BEGIN
+
 #if defined(__CUDACC__)
 
 struct BvhWalk {
@@ -52,6 +54,7 @@ struct BvhWalk {
   template <bool Ordered>
   __device__ __forceinline__ void step(const TraceScene &s, float end)
   {
+    count_step();
     const BvhNode node = load_node(s.world.tree.nodes, current);
     float enter0, leave0, enter1, leave1;
     clip_near(ray, node.center0, half0(node.half[0]), half0(node.half[1]), half0(node.half[2]), end, enter0,
@@ -72,6 +75,7 @@ struct BvhWalk {
   {
     const uint32_t first = leaf_first(current), past = first + leaf_size(current);
     for (uint32_t k = first; k < past; ++k) {
+      count_step();
       const LeafTriangle x = load_triangle(s.world.triangles, k);
       if (test(x, x.triangle, k)) return true;
     }
@@ -103,4 +107,5 @@ struct BvhWalk {
 
 #endif
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

@@ -7,6 +7,9 @@
 #include "cuda/accel/ray_io.h"
 
 namespace gpurt::cuda {
+
+GPURT_KERNELS_BEGIN
+
 namespace {
 
 template <class Variant>
@@ -40,4 +43,5 @@ void launch_closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays,
   });
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

@@ -6,6 +6,8 @@
 
 namespace gpurt::cuda {
 
+GPURT_KERNELS_BEGIN
+
 template <bool BvhValue, TriangleTest TestValue, bool MasksValue, bool PlacementsValue>
 struct TraceVariant {
   static constexpr TriangleTest test = TestValue;
@@ -47,12 +49,29 @@ void dispatch_test(const TraceScene &scene, Fn &&fn)
   }
 }
 
+// Kernels that count lanes have one triangle test, and both of masks and placements or neither.
+template <class Fn>
+void dispatch_counting(const TraceScene &scene, Fn &&fn)
+{
+  constexpr TriangleTest test = TriangleTest::Watertight;
+  const bool everything = scene.scene.has_alpha_masks || scene.scene.num_placements != 0;
+  if (scene.has_bvhs) {
+    if (everything) fn(TraceVariant<true, test, true, true>{});
+    else fn(TraceVariant<true, test, false, false>{});
+  } else {
+    if (everything) fn(TraceVariant<false, test, true, true>{});
+    else fn(TraceVariant<false, test, false, false>{});
+  }
+}
+
 /// Calls fn(TraceVariant<...>{}) with what fits the scene.
 template <class Fn>
 void dispatch(const TraceScene &scene, Fn &&fn)
 {
-  if (scene.has_bvhs) dispatch_test<true>(scene, fn);
+  if constexpr (counts_lanes) dispatch_counting(scene, fn);
+  else if (scene.has_bvhs) dispatch_test<true>(scene, fn);
   else dispatch_test<false>(scene, fn);
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

@@ -9,7 +9,21 @@
 #include "core/accel/kd_quad.h"
 #include "core/scene/scene_view.h"
 
+// Kernels and what starts them stand between these: the same files are compiled once more to count lanes, in a namespace of
+// their own (cuda/accel/counting).
+#ifndef GPURT_KERNELS
+#define GPURT_KERNELS plain
+#endif
+#define GPURT_KERNELS_BEGIN inline namespace GPURT_KERNELS {
+#define GPURT_KERNELS_END }
+
 namespace gpurt::cuda {
+
+#if defined(GPURT_COUNTS_LANES)
+constexpr bool counts_lanes = true;
+#else
+constexpr bool counts_lanes = false;
+#endif
 
 /// What a query kernel reads; all pointers lead to device memory.
 struct TraceScene {
@@ -42,10 +56,12 @@ struct RayOrder {
   // alone.
   const uint32_t *left_out = nullptr, *ended_at = nullptr;
 };
-uint64_t trace_scratch_words(uint64_t num_rays);
-
 /// What kernels of persistent threads with stacks are called, whichever serve the scene.
 constexpr const char *persistent_kernel_name = "kernel of persistent threads with stacks";
+
+GPURT_KERNELS_BEGIN
+
+uint64_t trace_scratch_words(uint64_t num_rays);
 
 // Each starts its kernels on the stream and returns. Rays and hits need the alignment of their members alone; fewer than
 // 2^31 rays at a time.
@@ -53,6 +69,9 @@ void launch_closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays,
                     const RayOrder &order, cudaStream_t stream);
 void launch_any(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint8_t *occluded,
                 const RayOrder &order, cudaStream_t stream);
+
+GPURT_KERNELS_END
+
 /// The number of crossings of every ray; a triangle that lies in several leaves counts several times.
 void launch_count_all(const TraceScene &scene, const Ray *rays, uint64_t num_rays, uint64_t *counts,
                       cudaStream_t stream);

@@ -4,6 +4,9 @@
 #include "cuda/accel/near_lane.h"
 
 namespace gpurt::cuda {
+
+GPURT_KERNELS_BEGIN
+
 namespace {
 
 // Refilling pays from here on: smaller batches end before threads run out of work.
@@ -168,4 +171,5 @@ void launch_near_persistent(const TraceScene &scene, TraceQuery query, const Ray
   launch_near_finish(scene, query, batch, stream);
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

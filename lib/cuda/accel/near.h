@@ -52,6 +52,8 @@ inline bool has_near_kernels(const TraceScene &scene)
          (scene.has_bvhs ? scene.world.tree.frame.reach : scene.kd_quads.frame.reach) > 0.0f;
 }
 
+GPURT_KERNELS_BEGIN
+
 /// Whether they serve these rays, too.
 bool suits_near_kernels(const TraceScene &scene, const Ray *rays, HitLayout layout, const void *results,
                         const RayOrder &order);
@@ -78,5 +80,7 @@ void launch_quad_refill(const TraceScene &scene, TraceQuery query, const NearBat
                         cudaStream_t stream);
 void launch_near_finish(const TraceScene &scene, TraceQuery query, const NearBatch &batch,
                         cudaStream_t stream);
+
+GPURT_KERNELS_END
 
 }  // namespace gpurt::cuda

@@ -16,6 +16,8 @@
 
 namespace gpurt::cuda {
 
+GPURT_KERNELS_BEGIN
+
 #if defined(__CUDACC__)
 
 constexpr unsigned warp_size = 32;
@@ -305,4 +307,5 @@ __device__ __forceinline__ void measure_taken(const TraceScene &s, const NearBat
 
 #endif
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

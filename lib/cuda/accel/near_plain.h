@@ -7,6 +7,8 @@
 
 namespace gpurt::cuda {
 
+GPURT_KERNELS_BEGIN
+
 #if defined(__CUDACC__)
 
 template <class Walk, TraceQuery Query>
@@ -58,15 +60,18 @@ void launch_plain(const TraceScene &scene, TraceQuery query, const NearBatch &ba
                   cudaStream_t stream)
 {
   const TiledRows rows(width, batch.num_rays);
-  if (query == TraceQuery::Any) {
-    launch("any-hit kernel", near_plain_kernel<Walk, TraceQuery::Any>, rows.num_items(), stream, scene, batch,
-           rows);
-  } else {
-    launch("closest-hit kernel", near_plain_kernel<Walk, TraceQuery::Closest>, rows.num_items(), stream,
-           scene, batch, rows);
+  if constexpr (!counts_lanes) {
+    if (query == TraceQuery::Any) {
+      launch("any-hit kernel", near_plain_kernel<Walk, TraceQuery::Any>, rows.num_items(), stream, scene,
+             batch, rows);
+      return;
+    }
   }
+  launch("closest-hit kernel", near_plain_kernel<Walk, TraceQuery::Closest>, rows.num_items(), stream, scene,
+         batch, rows);
 }
 
 #endif
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

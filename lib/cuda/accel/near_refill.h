@@ -10,6 +10,8 @@
 
 namespace gpurt::cuda {
 
+GPURT_KERNELS_BEGIN
+
 #if defined(__CUDACC__)
 
 // A warp refills from so many idle lanes on. Of 6 to 24 this measured best, by little.
@@ -154,10 +156,16 @@ void launch_refill(const TraceScene &scene, TraceQuery query, const NearBatch &b
       std::min<uint64_t>(uint64_t(scene.num_sms) * Walk::refill_blocks * block_size, batch.num_rays);
   const bool is_any = query == TraceQuery::Any, is_asked_for = batch.num_refills != nullptr;
   const char *name = is_asked_for ? persistent_kernel_name : is_any ? "any-hit kernel" : "closest-hit kernel";
-  if (is_any) launch(name, near_refill_kernel<Walk, TraceQuery::Any>, num_threads, stream, scene, batch);
-  else launch(name, near_refill_kernel<Walk, TraceQuery::Closest>, num_threads, stream, scene, batch);
+  if constexpr (!counts_lanes) {
+    if (is_any) {
+      launch(name, near_refill_kernel<Walk, TraceQuery::Any>, num_threads, stream, scene, batch);
+      return;
+    }
+  }
+  launch(name, near_refill_kernel<Walk, TraceQuery::Closest>, num_threads, stream, scene, batch);
 }
 
 #endif
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

@@ -6,6 +6,8 @@
 
 namespace gpurt::cuda {
 
+GPURT_KERNELS_BEGIN
+
 #if defined(__CUDACC__)
 
 struct QuadWalk {
@@ -108,6 +110,7 @@ struct QuadWalk {
   template <bool>
   __device__ __forceinline__ void step(const TraceScene &s, float end)
   {
+    count_step();
     const KdQuadNode node = load_quad(s.kd_quads.nodes, current);
     Push push{*this};
     if (!kd_quad_step(node, [&](uint32_t word) { return axis_of(word); }, width, current, a, b, push))
@@ -122,6 +125,7 @@ struct QuadWalk {
     const uint32_t count = node.word[0];
     const uint32_t *references = s.kd_quads.references + node.word[1];
     for (uint32_t k = 0; k < count; ++k) {
+      count_step();
       uint32_t place = node.word[1];
       if (count > kd_quad_inline_triangles) {
         place = __ldg(references + k);
@@ -164,4 +168,5 @@ struct QuadWalk {
 
 #endif
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

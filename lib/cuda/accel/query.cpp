@@ -4,6 +4,8 @@
 #include <cstring>
 #include <optional>
 
+#include "cuda/accel/counting/kernels.h"
+#include "cuda/accel/counting/lane_counter.h"
 #include "cuda/accel/schedule/tracer.h"
 #include "error.h"
 
@@ -106,8 +108,9 @@ void launch_hits(const QueryContext &context, const TraceRequest &request, Sched
   if (request.query == QueryKind::Any) {
     launch_any(context.scene, rays, num_rays, static_cast<uint8_t *>(results), order, stream);
   } else {
-    launch_closest(context.scene, rays, num_rays, request.compact ? HitLayout::Compact : HitLayout::Full,
-                   results, order, stream);
+    const auto launch = request.count_lanes ? counting::launch_closest : launch_closest;
+    launch(context.scene, rays, num_rays, request.compact ? HitLayout::Compact : HitLayout::Full, results,
+           order, stream);
   }
 }
 
@@ -116,7 +119,8 @@ std::optional<ScheduledTracer> make_tracer(const QueryContext &context, const Tr
                                            uint64_t max_rays, cudaStream_t stream)
 {
   if (is_fused(request.schedule)) return std::nullopt;
-  return std::optional<ScheduledTracer>(std::in_place, request.schedule, context.memory, max_rays, stream);
+  return std::optional<ScheduledTracer>(std::in_place, request.schedule, context.memory, max_rays, stream,
+                                        request.count_lanes);
 }
 
 // Adds what a lane did to the request's counters, once its work is done.
@@ -238,6 +242,24 @@ void trace_each_on_host(const QueryContext &context, const TraceRequest &request
                  }
                  count(request, tracer, seconds, counting);
                });
+}
+
+// Kernels that count are as few as show what schedules do: closest hits by one triangle test.
+void trace_counting(const QueryContext &context, const TraceRequest &request)
+{
+  if (context.scene.triangle_test != TriangleTest::Watertight) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "count_lanes is set, but lanes are counted with GPURT_TRIANGLE_WATERTIGHT alone; commit with it, or "
+         "set count_lanes to 0");
+  }
+  LaneCounter counter;
+  {
+    const LaneLease lane = context.lanes.acquire();
+    counter.clear(lane->stream());
+  }
+  (request.device_memory ? trace_each_on_device : trace_each_on_host)(context, request);
+  const LaneLease lane = context.lanes.acquire();
+  counter.collect(*request.counters, lane->stream());
 }
 
 // All hits, chunk after chunk and part after part: how many a part has decides where the next one's begin.
@@ -388,13 +410,12 @@ void SliceSize::learn(uint64_t num_rays, double seconds)
 
 void trace_batch(const QueryContext &context, const TraceRequest &request)
 {
-  if (request.count_lanes)
-    fail(GPURT_ERROR_UNSUPPORTED, "count_lanes is set, but this version does not count lanes; set it to 0");
   if (request.device_memory) check_device_pointers(request, context.memory->ordinal());
   if (request.query == QueryKind::All) {
     const LaneLease lane = context.lanes.acquire();
     AllHitsQuery(context, request, *lane).run();
   } else if (request.num_rays == 0) return;
+  else if (request.count_lanes) trace_counting(context, request);
   else if (request.device_memory) trace_each_on_device(context, request);
   else trace_each_on_host(context, request);
 }

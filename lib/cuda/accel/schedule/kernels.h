@@ -29,22 +29,6 @@ struct RayBatch {
   uint8_t *occluded;
 };
 
-/// Rays drawn from a pool, their lanes refilled as they run dry; traversal with a stack.
-void launch_persistent_stack(const TraceScene &scene, const RayBatch &batch, RayPool pool,
-                             DeviceCounters *counters, cudaStream_t stream);
-
-/// The same in bvhs, by any triangle test: a warp draws 32 rays and traces them to their ends.
-void launch_persistent_rays(const TraceScene &scene, const RayBatch &batch, RayPool pool,
-                            DeviceCounters *counters, cudaStream_t stream);
-
-/// A warp's rays traverse together and share triangles. `pool` is null for a regular launch.
-void launch_packets(const TraceScene &scene, const RayBatch &batch, RayPool pool, DeviceCounters *counters,
-                    cudaStream_t stream);
-
-/// Warps that switch between selecting leaves and testing triangles. `pool` is null for a regular launch.
-void launch_uber(const TraceScene &scene, const RayBatch &batch, RayPool pool, DeviceCounters *counters,
-                 cudaStream_t stream);
-
 /// Leaves that a list holds.
 constexpr uint32_t leaf_list_size = 8;
 
@@ -65,6 +49,24 @@ struct LeafListState {
   unsigned long long *num_active;  // of the next round
 };
 
+GPURT_KERNELS_BEGIN
+
+/// Rays drawn from a pool, their lanes refilled as they run dry; traversal with a stack.
+void launch_persistent_stack(const TraceScene &scene, const RayBatch &batch, RayPool pool,
+                             DeviceCounters *counters, cudaStream_t stream);
+
+/// The same in bvhs, by any triangle test: a warp draws 32 rays and traces them to their ends.
+void launch_persistent_rays(const TraceScene &scene, const RayBatch &batch, RayPool pool,
+                            DeviceCounters *counters, cudaStream_t stream);
+
+/// A warp's rays traverse together and share triangles. `pool` is null for a regular launch.
+void launch_packets(const TraceScene &scene, const RayBatch &batch, RayPool pool, DeviceCounters *counters,
+                    cudaStream_t stream);
+
+/// Warps that switch between selecting leaves and testing triangles. `pool` is null for a regular launch.
+void launch_uber(const TraceScene &scene, const RayBatch &batch, RayPool pool, DeviceCounters *counters,
+                 cudaStream_t stream);
+
 /// Selects leaves for `num_active` rays: those of state.active[0], or in the first round all of the batch.
 void launch_select_leaves(const TraceScene &scene, const RayBatch &batch, const LeafListState &state,
                           uint32_t num_active, bool is_first, RayPool pool, DeviceCounters *counters,
@@ -76,5 +78,7 @@ void launch_intersect_leaves(const TraceScene &scene, const RayBatch &batch, con
 /// Traces shared geometries and writes the results of the whole batch.
 void launch_finish_lists(const TraceScene &scene, const RayBatch &batch, const LeafListState &state,
                          cudaStream_t stream);
+
+GPURT_KERNELS_END
 
 }  // namespace gpurt::cuda

@@ -6,6 +6,9 @@
 #include "cuda/accel/schedule/ray_work.h"
 
 namespace gpurt::cuda {
+
+GPURT_KERNELS_BEGIN
+
 namespace {
 
 // A ray's stack as a column of an array in memory, so that a warp's entries of the same depth lie side by side.
@@ -178,4 +181,5 @@ void launch_finish_lists(const TraceScene &scene, const RayBatch &batch, const L
   });
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

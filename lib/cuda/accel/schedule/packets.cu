@@ -8,6 +8,9 @@
 #include "cuda/accel/schedule/ray_work.h"
 
 namespace gpurt::cuda {
+
+GPURT_KERNELS_BEGIN
+
 namespace {
 
 constexpr unsigned warps_per_block = block_size / warp_size;
@@ -31,6 +34,7 @@ __device__ __forceinline__ bool test_shared(RayWork<Query> &work, const SharedTr
                                             uint32_t count)
 {
   for (uint32_t k = 0; k < count; ++k) {
+    count_step();
     const float4 a = shared.part[0][k], b = shared.part[1][k], c = shared.part[2][k];
     const uint32_t triangle = __float_as_uint(a.w);
     if (triangle == work.known) continue;
@@ -60,6 +64,7 @@ __device__ uint32_t trace_packet(const KdGroupView &world, RayWork<Query> &work,
     KdNode node = world.tree.nodes[index];
     while (!is_leaf(node)) {
       const bool is_active = at.a <= at.b;
+      count_step(is_active);
       const KdAxis x = axis_of(work.kd, axis(node));
       const float s = (plane(node) - x.origin) * x.inverse;
       const float begin = s - x.widening, end = s + x.widening;
@@ -171,4 +176,5 @@ void launch_packets(const TraceScene &scene, const RayBatch &batch, RayPool pool
   });
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

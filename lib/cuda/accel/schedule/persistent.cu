@@ -6,6 +6,9 @@
 #include "cuda/accel/schedule/ray_work.h"
 
 namespace gpurt::cuda {
+
+GPURT_KERNELS_BEGIN
+
 namespace {
 
 // Idle lanes for which a warp draws rays: fewer cost more draws than the lanes' waiting does.
@@ -62,4 +65,5 @@ void launch_persistent_stack(const TraceScene &scene, const RayBatch &batch, Ray
   });
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

@@ -6,6 +6,9 @@
 #include "cuda/accel/schedule/ray_work.h"
 
 namespace gpurt::cuda {
+
+GPURT_KERNELS_BEGIN
+
 namespace {
 
 template <TriangleTest Test, bool Any>
@@ -37,8 +40,10 @@ template <TriangleTest Test>
 void launch_with(const TraceScene &scene, const RayBatch &batch, RayPool pool, DeviceCounters *counters,
                  cudaStream_t stream)
 {
-  const auto kernel =
-      batch.occluded != nullptr ? persistent_rays_kernel<Test, true> : persistent_rays_kernel<Test, false>;
+  auto kernel = persistent_rays_kernel<Test, false>;
+  if constexpr (!counts_lanes) {
+    if (batch.occluded != nullptr) kernel = persistent_rays_kernel<Test, true>;
+  }
   launch_persistent(persistent_kernel_name, kernel, batch.num_rays, stream, scene, batch, alignment_of(batch),
                     pool, counters);
 }
@@ -48,14 +53,14 @@ void launch_with(const TraceScene &scene, const RayBatch &batch, RayPool pool, D
 void launch_persistent_rays(const TraceScene &scene, const RayBatch &batch, RayPool pool,
                             DeviceCounters *counters, cudaStream_t stream)
 {
-  switch (scene.triangle_test) {
-    case TriangleTest::Watertight:
-      return launch_with<TriangleTest::Watertight>(scene, batch, pool, counters, stream);
-    case TriangleTest::MollerTrumbore:
+  if constexpr (!counts_lanes) {
+    if (scene.triangle_test == TriangleTest::MollerTrumbore)
       return launch_with<TriangleTest::MollerTrumbore>(scene, batch, pool, counters, stream);
-    case TriangleTest::Double:
+    if (scene.triangle_test == TriangleTest::Double)
       return launch_with<TriangleTest::Double>(scene, batch, pool, counters, stream);
   }
+  launch_with<TriangleTest::Watertight>(scene, batch, pool, counters, stream);
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

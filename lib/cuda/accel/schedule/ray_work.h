@@ -11,6 +11,8 @@
 
 namespace gpurt::cuda {
 
+GPURT_KERNELS_BEGIN
+
 /// Writes a closest hit as the batch has it.
 __device__ __forceinline__ void store_closest(const SceneView &scene, const RayBatch &batch, uint64_t i,
                                               bool aligned, const Hit &hit)
@@ -79,13 +81,15 @@ template <class Fn>
 void dispatch_query(const TraceScene &scene, const RayBatch &batch, Fn &&fn)
 {
   const bool everything = scene.scene.has_alpha_masks || scene.scene.num_placements != 0;
-  if (batch.occluded != nullptr) {
-    if (everything) fn(AnyQuery<true>{});
-    else fn(AnyQuery<false>{});
-  } else {
-    if (everything) fn(ClosestQuery<true>{});
-    else fn(ClosestQuery<false>{});
+  if constexpr (!counts_lanes) {
+    if (batch.occluded != nullptr) {
+      if (everything) fn(AnyQuery<true>{});
+      else fn(AnyQuery<false>{});
+      return;
+    }
   }
+  if (everything) fn(ClosestQuery<true>{});
+  else fn(ClosestQuery<false>{});
 }
 
 /// Whether pointers of the batch allow 16-byte loads and stores.
@@ -181,4 +185,5 @@ __device__ __forceinline__ uint64_t draw(RayPool pool, unsigned count)
   return __shfl_sync(all_lanes, first, 0);
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "cuda/accel/counting/kernels.h"
 #include "cuda/accel/near.h"
 #include "cuda/layout.h"
 #include "error.h"
@@ -74,8 +75,8 @@ bool is_fused(const Schedule &s)
 }
 
 ScheduledTracer::ScheduledTracer(const Schedule &schedule, const std::shared_ptr<DeviceMemory> &memory,
-                                 uint64_t max_rays, cudaStream_t stream)
-    : schedule_(schedule), stream_(stream)
+                                 uint64_t max_rays, cudaStream_t stream, bool counts_lanes)
+    : schedule_(schedule), stream_(stream), counts_lanes_(counts_lanes)
 {
   numbers_ = DeviceBuffer<unsigned long long>(memory, num_numbers, "counters of a schedule");
   check(cudaMemsetAsync(numbers_.data(), 0, numbers_.bytes(), stream_), "cudaMemsetAsync");
@@ -115,11 +116,13 @@ void ScheduledTracer::trace_lists(const TraceScene &scene, const RayBatch &batch
   lay_out(lists_.data(), list_capacity_, state);
   state.num_active = numbers_.data() + active_number;
   uint64_t num_active = batch.num_rays;
+  const auto select = counts_lanes_ ? counting::launch_select_leaves : launch_select_leaves;
+  const auto intersect = counts_lanes_ ? counting::launch_intersect_leaves : launch_intersect_leaves;
+  const auto finish = counts_lanes_ ? counting::launch_finish_lists : launch_finish_lists;
   for (bool is_first = true; num_active != 0; is_first = false) {
-    launch_select_leaves(scene, batch, state, uint32_t(num_active), is_first, next_pool(), counters, stream_);
+    select(scene, batch, state, uint32_t(num_active), is_first, next_pool(), counters, stream_);
     check(cudaMemsetAsync(state.num_active, 0, sizeof *state.num_active, stream_), "cudaMemsetAsync");
-    launch_intersect_leaves(scene, batch, state, uint32_t(num_active), is_first, next_pool(), counters,
-                            stream_);
+    intersect(scene, batch, state, uint32_t(num_active), is_first, next_pool(), counters, stream_);
     ++num_rounds_;
     unsigned long long left = 0;
     check(cudaMemcpyAsync(&left, state.num_active, sizeof left, cudaMemcpyDeviceToHost, stream_),
@@ -128,7 +131,7 @@ void ScheduledTracer::trace_lists(const TraceScene &scene, const RayBatch &batch
     num_active = left;
     std::swap(state.active[0], state.active[1]);
   }
-  launch_finish_lists(scene, batch, state, stream_);
+  finish(scene, batch, state, stream_);
 }
 
 void ScheduledTracer::trace_persistent(const TraceScene &scene, const RayBatch &batch,
@@ -145,14 +148,16 @@ void ScheduledTracer::trace_persistent(const TraceScene &scene, const RayBatch &
       RayOrder part_order = order;
       if (part_order.left_out != nullptr) part_order.left_out += first;
       if (part_order.ended_at != nullptr) part_order.ended_at += first;
-      launch_near_persistent(scene, is_any ? TraceQuery::Any : TraceQuery::Closest, part.rays,
-                             uint32_t(part.num_rays), part.layout, is_any ? part.occluded : part.hits,
-                             part_order, &counters->ray_refills, stream_);
+      (counts_lanes_ ? counting::launch_near_persistent : launch_near_persistent)(
+          scene, is_any ? TraceQuery::Any : TraceQuery::Closest, part.rays, uint32_t(part.num_rays),
+          part.layout, is_any ? part.occluded : part.hits, part_order, &counters->ray_refills, stream_);
     }
   } else if (scene.has_bvhs) {
-    launch_persistent_rays(scene, batch, next_pool(), counters, stream_);
+    (counts_lanes_ ? counting::launch_persistent_rays : launch_persistent_rays)(scene, batch, next_pool(),
+                                                                                counters, stream_);
   } else {
-    launch_persistent_stack(scene, batch, next_pool(), counters, stream_);
+    (counts_lanes_ ? counting::launch_persistent_stack : launch_persistent_stack)(scene, batch, next_pool(),
+                                                                                  counters, stream_);
   }
 }
 
@@ -166,10 +171,12 @@ void ScheduledTracer::trace(const TraceScene &scene, const RayBatch &batch, cons
         trace_lists(scene, part_of(batch, first, list_capacity_));
       return;
     case Traversal::Uber:
-      return launch_uber(scene, batch, next_pool(), counters, stream_);
+      return (counts_lanes_ ? counting::launch_uber : launch_uber)(scene, batch, next_pool(), counters,
+                                                                   stream_);
     default:
       if (schedule_.fetch == Fetch::Packets)
-        return launch_packets(scene, batch, next_pool(), counters, stream_);
+        return (counts_lanes_ ? counting::launch_packets : launch_packets)(scene, batch, next_pool(),
+                                                                           counters, stream_);
       return trace_persistent(scene, batch, known);
   }
 }

@@ -23,8 +23,9 @@ bool is_fused(const Schedule &schedule);
 class ScheduledTracer {
  public:
   /// Takes memory for batches of up to max_rays; larger ones are cut. Throws OUT_OF_MEMORY. `schedule` is resolved.
+  /// `counts_lanes`: by the kernels of cuda/accel/counting, for closest hits alone.
   ScheduledTracer(const Schedule &schedule, const std::shared_ptr<DeviceMemory> &memory, uint64_t max_rays,
-                  cudaStream_t stream);
+                  cudaStream_t stream, bool counts_lanes = false);
 
   /// Queue work on the stream that the tracer was made for; leaf lists also wait for it, once a round.
   void closest(const TraceScene &scene, const Ray *rays, uint64_t num_rays, HitLayout layout, void *hits,
@@ -47,6 +48,7 @@ class ScheduledTracer {
 
   const Schedule schedule_;
   const cudaStream_t stream_;
+  const bool counts_lanes_;
   // What is counted, the pool of persistent threads, and the number of active rays.
   DeviceBuffer<unsigned long long> numbers_;
   DeviceBuffer<std::byte> lists_;

@@ -6,6 +6,9 @@
 #include "cuda/accel/schedule/ray_work.h"
 
 namespace gpurt::cuda {
+
+GPURT_KERNELS_BEGIN
+
 namespace {
 
 template <class Query, bool IsPersistent>
@@ -105,4 +108,5 @@ void launch_uber(const TraceScene &scene, const RayBatch &batch, RayPool pool, D
   });
 }
 
+GPURT_KERNELS_END
 }  // namespace gpurt::cuda
