@@ -82,12 +82,19 @@ Schedule resolve_schedule(const Schedule &asked, ScheduleUse use, const TraceSce
   check_render_only(asked.shading, Shading::Immediate, use, "shading");
   check_render_only(asked.generation, Generation::Slots, use, "generation");
   Schedule s = asked;
+  const bool shades_as_rays_lie = asked.shading == Shading::Auto || asked.shading == Shading::Immediate;
   set_default(s.traversal, Traversal::Stack);
   set_default(s.fetch, Fetch::PerThread);
-  // Rays of paths go apart after the first step, paths end at different lengths, and a wave is large enough for a pool.
+  // Rays of paths go apart after the first step, paths end at different lengths, and a wave is large enough for a pool of rays.
+  // A pool of paths knows the triangles that its rays leave, so that the fast kernels serve all of them: where these may choose
+  // by the order of rays, they are faster.
+  const bool has_pool_of_paths =
+      asked.generation == Generation::Refilled ||
+      (asked.generation == Generation::Auto && asked.compaction == Compaction::Auto && shades_as_rays_lie);
   const bool has_pool =
-      s.traversal == Traversal::Uber || (s.traversal == Traversal::Stack && s.fetch == Fetch::PerThread &&
-                                         !scene.has_bvhs && scene.triangle_test == TriangleTest::Watertight);
+      s.traversal == Traversal::Uber ||
+      (s.traversal == Traversal::Stack && s.fetch == Fetch::PerThread && !scene.has_bvhs &&
+       scene.triangle_test == TriangleTest::Watertight && !(has_pool_of_paths && has_near_kernels(scene)));
   const bool suits_pool = use == ScheduleUse::Render && has_pool;
   // Queries leave it to what is known of their rays' order, or found out.
   const bool is_by_order = use != ScheduleUse::Render && s.traversal == Traversal::Stack &&
@@ -116,8 +123,8 @@ Schedule resolve_schedule(const Schedule &asked, ScheduleUse use, const TraceSce
     set_default(s.compaction, Compaction::LibraryScan);
   }
   // A pool has no gaps to close, and shades as rays lie.
-  const bool is_plain = (s.compaction == Compaction::Auto || s.compaction == Compaction::BlockScan) &&
-                        (s.shading == Shading::Auto || s.shading == Shading::Immediate);
+  const bool is_plain =
+      (s.compaction == Compaction::Auto || s.compaction == Compaction::BlockScan) && shades_as_rays_lie;
   if (s.generation == Generation::Refilled && !is_plain) {
     refuse(
         "GPURT_GENERATION_REFILLED has no queue to compact and shades hits as they lie; leave compaction and "
