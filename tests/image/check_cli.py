@@ -72,6 +72,9 @@ def case_wrong_usage():
     refused(2, "--accel requires --build", "info", cornell, "--accel", "kdtree")
     refused(2, "--device", "render", cornell, "-o", "a.png", "--device", "tpu")
     refused(2, "--pipeline", "render", cornell, "-o", "a.png", "--pipeline", "raster")
+    refused(2, "--patch-height requires --patch-pixels", "trace", cornell, "--rays", "rays.bin", "-o", "hits.bin",
+            "--patch-height", 64)
+    refused(2, "--fragment-slots", "render", cornell, "-o", "a.png", "--pipeline", "reyes", "--fragment-slots", 65)
     refused(2, "lots", "render", cornell, "-o", "a.png", "--memory-limit", "lots")
     refused(2, "depht", "render", cornell, "-o", "a.exr", "--aov", "normal,depht")
     refused(2, "parts is required", "merge", cornell)
@@ -103,6 +106,9 @@ def case_failures():
     refused(1, "text.glb", "render", "text.glb", "-o", "a.png", *CPU)
     refused(1, "absent.gpurt", "merge", cornell, "absent.gpurt", "-o", "a.exr")
     (WORK / "odd.bin").write_bytes(bytes(33))
+    (WORK / "ray.bin").write_bytes(bytes(32))
+    refused(1, "--patch-camera is 3, but the scene has 1 cameras", "trace", cornell, "--rays", "ray.bin", "-o", "hits.bin",
+            "--patch-pixels", 1, "--patch-camera", 3, *CPU)
     refused(1, "no multiple of 32", "trace", cornell, "--rays", "odd.bin", "-o", "hits.bin", *CPU)
     refused(1, "absent.bin", "trace", cornell, "--rays", "absent.bin", "-o", "hits.bin", *CPU)
     refused(1, "nowhere", "scene", "cornell", "-o", "nowhere/cornell.glb")
