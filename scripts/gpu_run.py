@@ -31,7 +31,7 @@ SANITIZED = {
     "cuda/cuda_images": "CudaImages.Of*:CudaImages.AreTheSameInLittleMemory",
     "cuda/cuda_photon_images": "CudaPhotonImages.Of*:CudaPhotonImages.AreTheSameInLittleMemory",
     "cuda/cuda_reyes": "CudaReyes.Of*:CudaReyes.At*:CudaReyes.IsTheSameInLittleMemory",
-    "cuda/cuda_schedules": "CudaSchedules.OfQueriesGive*:CudaSchedules.OfRenders*",
+    "cuda/cuda_schedules": "CudaSchedules.OfQueriesGive*:CudaSchedules.OfRenders*:CudaSchedules.CountLanes*",
     "cuda/cuda_device": "CudaDevice.*:CudaMemory.RunsOutAtTheLimit*:CudaMemory.OfLittle*:CudaMemory.IsGivenBack:CudaThreads.*",
     "cuda/cuda_device_memory": "*Cuda*",
     "cuda/cuda_photon_memory": "*Cuda*",
