@@ -1148,10 +1148,10 @@ typedef enum gpurt_reyes_filter {
 } gpurt_reyes_filter;
 
 /* Where light is computed. A micropolygon's own light is that of the surface in the middle of its (u, v); samples that see
-   it have that light, rounded without bias to 9 bits of red and green, 8 of blue and an exponent. It depends on the patch,
-   the camera and the samples' numbers alone, not on tiles, threads or memory. Frames have no outputs but COLOR, ALPHA,
-   SAMPLE_COUNT and VARIANCE then. CUDA devices want no_shadows and a scene of patches without meshes, lamps, environment
-   and alpha masks; docs/reyes.md says what CPU devices want. Else UNSUPPORTED. */
+   it have that light, where it takes no rays rounded without bias to 9 bits of red and green, 8 of blue and an exponent. It
+   depends on the patch, the camera and the samples' numbers alone, not on tiles, threads or memory. Surfaces that blend are
+   UNSUPPORTED, and on CUDA devices shadows, meshes, lamps, environments, alpha masks and outputs other than COLOR, ALPHA,
+   SAMPLE_COUNT and VARIANCE: docs/reyes.md. */
 typedef enum gpurt_reyes_shading {
   GPURT_REYES_SHADING_AUTO = 0,          /* samples */
   GPURT_REYES_SHADING_SAMPLES = 1,       /* at every sample, once it is known what samples see */
