@@ -2,9 +2,10 @@
 //
 //   bench_reyes [--device cpu|cuda] [--scene FILE]... [--size WxH]... [--spp N] [--rate AREA] [--shadows 0|1]
 //               [--shading samples|micropolygons|blocks] [--repeats N] [--threads N]
-//               [--split levels|queues|rounds] [--stages separate|uber|fused] [--schedules 0|1]
+//               [--split levels|queues|rounds] [--stages separate|uber|fused] [--schedules 0|1] [--flatness PIXELS]
+//               [--alpha A]
 //
-// Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here. Each frame is a new one; the first
+// Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here; with an alpha below 1 the ball blends. Each frame is a new one; the first
 // of a case is not counted. Times of stages are medians of what the device spent; "visible_ms" is their sum up to what
 // every sample sees, "wall_ms" a whole frame from its creation to its last pixel on the host: "create_ms" and "render_ms".
 #include <algorithm>
@@ -31,7 +32,7 @@ struct Options {
   std::vector<Size> sizes;
   uint32_t spp = 9, repeats = 9, threads = 0;
   bool has_shadows = false, has_schedules = false;
-  float rate = 0.25f;
+  float rate = 0.25f, flatness = 0, alpha = 1;
   gpurt_reyes_shading shading = GPURT_REYES_SHADING_SAMPLES;
   gpurt_launch split = GPURT_LAUNCH_AUTO;
   gpurt_traversal stages = GPURT_TRAVERSAL_AUTO;
@@ -76,12 +77,14 @@ void add_patches(gpurt_scene scene, const std::vector<Point> &points, uint32_t m
   check(gpurt_scene_add_instance(scene, &instance, &id), "gpurt_scene_add_instance");
 }
 
-void fill(gpurt_scene scene)
+void fill(gpurt_scene scene, float alpha)
 {
   gpurt_material_desc metal = GPURT_MATERIAL_DESC_INIT;
   metal.type = GPURT_MATERIAL_METAL;
   metal.roughness = 0.4f;
   for (float &c : metal.base_color) c = 0.8f;
+  metal.alpha = alpha;
+  metal.blends = alpha < 1 ? 1 : 0;
   uint32_t material = 0, id = 0;
   check(gpurt_scene_add_material(scene, &metal, &material), "gpurt_scene_add_material");
   add_patches(scene, ball(20), material);
@@ -138,6 +141,7 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
     desc.pipeline = GPURT_PIPELINE_REYES;
     desc.samples_per_pixel = o.spp;
     desc.reyes.shading_rate = o.rate;
+    desc.reyes.flatness = o.flatness;
     desc.reyes.shading = o.shading;
     desc.schedule.launch = o.split;
     desc.schedule.traversal = o.stages;
@@ -160,12 +164,13 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
   const gpurt_reyes_counters &c = s.reyes_counters;
   std::printf(
       "{\"bench\":\"reyes\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
-      "\"shading\":%d,\"split\":%d,\"stages\":%d,\"shading_rate\":%g,\"shadows\":%d,\"wall_ms\":%.4f,"
+      "\"shading\":%d,\"split\":%d,\"stages\":%d,\"shading_rate\":%g,\"flatness\":%g,\"alpha\":%g,"
+      "\"shadows\":%d,\"wall_ms\":%.4f,"
       "\"create_ms\":%.4f,\"render_ms\":%."
       "4f,\"release_ms\":%.4f",
       device, name, size.width, size.height, o.spp, int(o.shading), int(s.schedule.launch),
-      int(s.schedule.traversal), double(o.rate), int(o.has_shadows), median(wall) * 1e3, median(create) * 1e3,
-      median(render) * 1e3, median(release) * 1e3);
+      int(s.schedule.traversal), double(o.rate), double(o.flatness), double(o.alpha), int(o.has_shadows),
+      median(wall) * 1e3, median(create) * 1e3, median(render) * 1e3, median(release) * 1e3);
   double visible = 0;
   for (size_t k = 0; k < std::size(stages); ++k) {
     const double ms = median(seconds[k]) * 1e3;
@@ -221,6 +226,8 @@ Options parse(int argc, char **argv)
       o.sizes.push_back(size);
     else if (name == "--spp") o.spp = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--rate") o.rate = float(std::atof(value.c_str()));
+    else if (name == "--flatness") o.flatness = float(std::atof(value.c_str()));
+    else if (name == "--alpha") o.alpha = float(std::atof(value.c_str()));
     else if (name == "--shadows") o.has_shadows = value == "1";
     else if (name == "--schedules") o.has_schedules = value == "1";
     else if (name == "--shading") {
@@ -266,7 +273,7 @@ int main(int argc, char **argv)
     gpurt_scene scene = nullptr;
     if (path.empty()) {
       check(gpurt_scene_create(device, &scene), "gpurt_scene_create");
-      fill(scene);
+      fill(scene, options.alpha);
     } else {
       check(gpurt_scene_load(device, path.c_str(), &scene), "gpurt_scene_load");
     }

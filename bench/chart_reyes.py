@@ -143,7 +143,7 @@ def main(arguments=None):
     p.add_argument("--seconds", type=float, default=10, help="of rendering for each curve and seed (default 10)")
     p.add_argument("--repeats", type=int, default=1, help="seeds (default 1)")
     p.add_argument("--max-spp", type=int, default=1024, help="most samples per pixel (default 1024)")
-    p.add_argument("--device", default="cpu", help="flatness is of CPU devices alone (default cpu)")
+    p.add_argument("--device", default="cpu", help="default cpu")
     p.add_argument("--threads", type=int, default=0, help="of the CPU device (default: all)")
     options = p.parse_args(arguments)
     index = options.folder / "reference" / "references.json"

@@ -135,14 +135,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
                                   device_->memory, device_->lanes);
   }
 
-  void require_reyes() const override
-  {
-    if (!compiled_->has_blending) return;
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "the scene has materials that blend, which this version's REYES has on CPU devices alone; use one, "
-         "set "
-         "blends to 0, or use GPURT_PIPELINE_PATH");
-  }
+  void require_reyes() const override {}
 
   ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings) const override
   {
@@ -185,10 +178,18 @@ class CudaScene final : public CommittedScene, public StreamTracing {
 
   ReyesDeviceScene reyes_scene() const
   {
-    ReyesDeviceScene reyes{scene_->reyes_view(), 0, false, compiled_->environment.is_present != 0};
+    ReyesDeviceScene reyes{};
+    reyes.view = scene_->reyes_view();
+    reyes.has_found_light = compiled_->environment.is_present != 0;
     reyes.view.scene = trace_scene_.scene;
     if (!compiled_->root_ranges.empty()) reyes.num_roots = compiled_->root_ranges.back().first_root;
     for (const PatchRange &range : compiled_->patch_ranges) reyes.has_meshes |= range.num_patches == 0;
+    for (const Segment &segment : compiled_->segments) {
+      const Material &material = compiled_->materials[segment.material];
+      reyes.has_blending |= material.blends != 0;
+      reyes.has_opaque |= material.blends == 0;
+      reyes.has_cutouts |= material.blends == 0 && material.alpha_cutoff > 0;
+    }
     for (const Light &light : compiled_->lights) reyes.has_found_light |= light.type == LightType::Triangle;
     return reyes;
   }

@@ -311,7 +311,6 @@ TEST_P(Reyes, OutlinesImproveWithTheShadingRate)
 // where micropolygons meet that have different sizes.
 TEST_P(Reyes, BlendsASurfaceOnce)
 {
-  if (GetParam() == GPURT_DEVICE_CUDA) GTEST_SKIP() << "blending is the CPU's alone";
   Device device = make_device(GetParam());
   std::mt19937_64 rng(8);
   constexpr int n = 4, side = 3 * n + 1;
@@ -358,7 +357,6 @@ TEST_P(Reyes, BlendsASurfaceOnce)
 // neighbours are covered, or none, stay so.
 TEST_P(Reyes, DicesFlatRegionsCoarser)
 {
-  if (GetParam() == GPURT_DEVICE_CUDA) GTEST_SKIP() << "flatness is the CPU's alone";
   Device device = make_device(GetParam());
   std::mt19937_64 rng(6);
   for (const auto &nets : {closed_patches(1, 0.2, 61), closed_patches(3, 0.15, 62), poles(5)}) {

@@ -25,7 +25,8 @@ constexpr uint32_t dim_standing = 1u << 20;
 
 GPURT_FUNCTIONS_BEGIN
 
-// Whether a is seen before b.
+// Whether a is seen before b. Of whatever has the members of a fragment's surface and place.
+template <class Fragment>
 GPURT_INLINE bool precedes(const Fragment &a, const Fragment &b)
 {
   if (a.z != b.z) return a.z > b.z;
@@ -34,6 +35,7 @@ GPURT_INLINE bool precedes(const Fragment &a, const Fragment &b)
 }
 
 // In place, by Shell's method: lists are short, and mostly come in some order already.
+template <class Fragment>
 GPURT_HD inline void sort_fragments(Fragment *f, uint32_t n)
 {
   uint32_t gap = 1;

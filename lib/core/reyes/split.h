@@ -41,10 +41,19 @@ struct DiceSettings {
 };
 
 // The box of projected control points, and their least w.
+struct ProjectedBox {
+  float x0, y0, x1, y1;
+  float least_w;
+};
 struct ProjectedHull {
   float x, y;  // its centre
   float half_x, half_y;
   float least_w;
+};
+
+// How far second differences of a piece's control points move points on the image at most.
+struct SecondDifferences {
+  float uu, uv, vv;
 };
 
 GPURT_FUNCTIONS_BEGIN
@@ -70,18 +79,23 @@ GPURT_INLINE uint32_t segment_bits(float x)
   return bits;
 }
 
+GPURT_INLINE ProjectedHull projected_hull(const ProjectedBox &b)
+{
+  return {0.5f * (b.x0 + b.x1), 0.5f * (b.y0 + b.y1), 0.5f * (b.x1 - b.x0), 0.5f * (b.y1 - b.y0), b.least_w};
+}
+
 GPURT_HD inline ProjectedHull projected_hull(const float *x, const float *y, const float *w, int n)
 {
-  float x0 = infinity, x1 = -infinity, y0 = infinity, y1 = -infinity, least_w = infinity;
+  ProjectedBox b{infinity, infinity, -infinity, -infinity, infinity};
   for (int i = 0; i < n; ++i) {
     const float inv_w = 1.0f / w[i], px = x[i] * inv_w, py = y[i] * inv_w;
-    x0 = min(x0, px);
-    x1 = max(x1, px);
-    y0 = min(y0, py);
-    y1 = max(y1, py);
-    least_w = min(least_w, w[i]);
+    b.x0 = min(b.x0, px);
+    b.x1 = max(b.x1, px);
+    b.y0 = min(b.y0, py);
+    b.y1 = max(b.y1, py);
+    b.least_w = min(b.least_w, w[i]);
   }
-  return {0.5f * (x0 + x1), 0.5f * (y0 + y1), 0.5f * (x1 - x0), 0.5f * (y1 - y0), least_w};
+  return projected_hull(b);
 }
 
 // How far a difference of homogeneous points, of a function that vanishes at a point of the hull, moves points on the image at
@@ -298,35 +312,48 @@ GPURT_HD inline void polygon_lengths(const float *x, const float *y, const float
 // 1/m by 1/n, bilinear or in two triangles, a surface S leaves them by at most (|Suu| / m^2 + 2 |Suv| / (m n) + |Svv| / n^2)
 // / 8; a quarter of what is allowed for each, and a quarter for cells at edges that others decide.
 // Source: Filip, Magedson and Markot 1986, as for tessellation; here on the image.
+GPURT_INLINE void shorten_flat(const SecondDifferences &d, const DiceSettings &dice, float &length_u,
+                               float &length_v)
+{
+  const float inv_quarter = 4.0f / dice.flatness;
+  const float both = 2.25f * d.uv * inv_quarter;
+  const uint32_t bits_u = bits_of_square(max(0.75f * d.uu * inv_quarter, both)),
+                 bits_v = bits_of_square(max(0.75f * d.vv * inv_quarter, both));
+  length_u = min(length_u, float(1u << bits_u) / dice.inv_edge);
+  length_v = min(length_v, float(1u << bits_v) / dice.inv_edge);
+}
+
+// The largest second differences on the image that row r and column r of a piece's control points have.
+GPURT_HD inline SecondDifferences second_differences(const ProjectedHull &hull, const float *x,
+                                                     const float *y, const float *w, int r)
+{
+  SecondDifferences d{0.0f, 0.0f, 0.0f};
+  for (int c = 0; c < 2; ++c) {
+    const int i = 4 * r + c, j = 4 * c + r;
+    d.uu = max(d.uu, raster_length(hull, x[i] - 2.0f * x[i + 1] + x[i + 2], y[i] - 2.0f * y[i + 1] + y[i + 2],
+                                   w[i] - 2.0f * w[i + 1] + w[i + 2]));
+    d.vv = max(d.vv, raster_length(hull, x[j] - 2.0f * x[j + 4] + x[j + 8], y[j] - 2.0f * y[j + 4] + y[j + 8],
+                                   w[j] - 2.0f * w[j + 4] + w[j + 8]));
+  }
+  for (int c = 0; c < 3 && r < 3; ++c) {
+    const int i = 4 * r + c;
+    d.uv = max(d.uv,
+               raster_length(hull, x[i + 5] - x[i + 4] - x[i + 1] + x[i],
+                             y[i + 5] - y[i + 4] - y[i + 1] + y[i], w[i + 5] - w[i + 4] - w[i + 1] + w[i]));
+  }
+  return d;
+}
+
 GPURT_HD inline void shorten_flat(const RasterPatch &part, const DiceSettings &dice, float &length_u,
                                   float &length_v)
 {
   const ProjectedHull hull = projected_hull(part.x, part.y, part.w, 16);
-  const float *x = part.x, *y = part.y, *w = part.w;
-  float uu = 0.0f, uv = 0.0f, vv = 0.0f;
+  SecondDifferences all{0.0f, 0.0f, 0.0f};
   for (int r = 0; r < 4; ++r) {
-    for (int c = 0; c < 2; ++c) {
-      const int i = 4 * r + c, j = 4 * c + r;
-      uu = max(uu, raster_length(hull, x[i] - 2.0f * x[i + 1] + x[i + 2], y[i] - 2.0f * y[i + 1] + y[i + 2],
-                                 w[i] - 2.0f * w[i + 1] + w[i + 2]));
-      vv = max(vv, raster_length(hull, x[j] - 2.0f * x[j + 4] + x[j + 8], y[j] - 2.0f * y[j + 4] + y[j + 8],
-                                 w[j] - 2.0f * w[j + 4] + w[j + 8]));
-    }
+    const SecondDifferences d = second_differences(hull, part.x, part.y, part.w, r);
+    all = {max(all.uu, d.uu), max(all.uv, d.uv), max(all.vv, d.vv)};
   }
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) {
-      const int i = 4 * r + c;
-      uv = max(uv,
-               raster_length(hull, x[i + 5] - x[i + 4] - x[i + 1] + x[i],
-                             y[i + 5] - y[i + 4] - y[i + 1] + y[i], w[i + 5] - w[i + 4] - w[i + 1] + w[i]));
-    }
-  }
-  const float inv_quarter = 4.0f / dice.flatness;
-  const float both = 2.25f * uv * inv_quarter;
-  const uint32_t bits_u = bits_of_square(max(0.75f * uu * inv_quarter, both)),
-                 bits_v = bits_of_square(max(0.75f * vv * inv_quarter, both));
-  length_u = min(length_u, float(1u << bits_u) / dice.inv_edge);
-  length_v = min(length_v, float(1u << bits_v) / dice.inv_edge);
+  shorten_flat(all, dice, length_u, length_v);
 }
 
 // What becomes of a piece whose edges are decided; for Dice, its grid. The lengths are the largest of polygon_lengths.

@@ -18,6 +18,18 @@ namespace {
 // Pieces wait in a stack: each cut of both axes leaves three of four behind.
 constexpr uint32_t stack_size = 3 * (parameter_bits - smallest_piece_bits) + 4;
 
+// The box of n points in the image and around it, where samples of filters may lie, cut to the image; false: none.
+bool box_of_points(const float *x, const float *y, const float *w, int n, const Camera &camera,
+                   RasterBox &box)
+{
+  constexpr int32_t around = 3;  // a pixel more than any filter's reach
+  const int32_t width = int32_t(camera.width), height = int32_t(camera.height);
+  if (!raster_box(x, y, w, n, uint32_t(width + 2 * around), uint32_t(height + 2 * around), box)) return false;
+  box = {clamp(box.x0 - around, 0, width - 1), clamp(box.y0 - around, 0, height - 1),
+         clamp(box.x1 - around, 0, width - 1), clamp(box.y1 - around, 0, height - 1)};
+  return true;
+}
+
 void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, uint32_t n, RasterBox *boxes)
 {
   const RasterProjection projection = raster_projection(camera);
@@ -36,14 +48,14 @@ void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, 
     if (scene.patches[range.segment].num_patches != 0) {
       RasterPatch patch;
       transform_patch(scene, projection, range, primitive, patch);
-      is_seen = raster_box(patch.x, patch.y, patch.w, 16, camera.width, camera.height, boxes[i]);
+      is_seen = box_of_points(patch.x, patch.y, patch.w, 16, camera, boxes[i]);
     } else {
       RasterPoint p[3];
       transform_triangle(scene, projection, range,
                          scene.scene.segments[range.segment].first_triangle + primitive, p);
       const float x[3] = {p[0].x, p[1].x, p[2].x}, y[3] = {p[0].y, p[1].y, p[2].y},
                   w[3] = {p[0].w, p[1].w, p[2].w};
-      is_seen = raster_box(x, y, w, 3, camera.width, camera.height, boxes[i]);
+      is_seen = box_of_points(x, y, w, 3, camera, boxes[i]);
     }
     if (!is_seen) boxes[i] = {0, 0, -1, -1};
   }

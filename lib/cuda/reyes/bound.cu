@@ -33,8 +33,12 @@ __global__ void __launch_bounds__(block_size)
   const uint64_t i = thread_item() / root_lanes;
   const uint32_t lane = threadIdx.x % root_lanes;
   const uint32_t root = uint32_t(first_root + min(i, uint64_t(n) - 1));
-  const bool is_there = i < n && (b.visible == nullptr || (b.visible[root / 32] >> root % 32 & 1) != 0);
   const RootRange range = range_of_root(b.scene, root);
+  bool blends = false;
+  if (b.blends != nullptr)
+    blends = b.scene.scene.materials[b.scene.scene.segments[range.segment].material].blends != 0;
+  const bool is_there = i < n && (b.visible == nullptr || (b.visible[root / 32] >> root % 32 & 1) != 0) &&
+                        (b.blends == nullptr || (b.kinds >> (blends ? 1 : 0) & 1) != 0);
   const uint32_t primitive = uint32_t(root - range.first_root);
   const bool is_patch = b.scene.patches[range.segment].num_patches != 0;
   RasterPoint row[4];
@@ -71,6 +75,7 @@ __global__ void __launch_bounds__(block_size)
   if (lane != 0) return;
   b.largest[slot] = largest;
   b.roots[slot] = root;
+  if (b.blends != nullptr) b.blends[slot] = blends ? 1 : 0;
 }
 
 }  // namespace

@@ -38,6 +38,24 @@ __device__ inline float group_max(float x)
   return max(x, __shfl_xor_sync(0xffffffffu, x, 2));
 }
 
+// As shorten_flat, by the lanes of a group together; they have the control points in homogeneous coordinates and, where the
+// piece is in front of the eye, on the image.
+__device__ inline SecondDifferences group_second_differences(const SharedPart &part, uint32_t lane)
+{
+  ProjectedBox box{infinity, infinity, -infinity, -infinity, infinity};
+  for (uint32_t i = 4 * lane; i < 4 * lane + 4; ++i) {
+    box.x0 = min(box.x0, part.px[i]);
+    box.x1 = max(box.x1, part.px[i]);
+    box.y0 = min(box.y0, part.py[i]);
+    box.y1 = max(box.y1, part.py[i]);
+    box.least_w = min(box.least_w, part.w[i]);
+  }
+  box = {-group_max(-box.x0), -group_max(-box.y0), group_max(box.x1), group_max(box.y1),
+         -group_max(-box.least_w)};
+  const SecondDifferences d = second_differences(projected_hull(box), part.x, part.y, part.w, int(lane));
+  return {group_max(d.uu), group_max(d.uv), group_max(d.vv)};
+}
+
 // As decide_piece, by the lanes of a group together: a lane takes a coordinate, a row, an edge. False: it cannot be seen.
 // All lanes of the warp call it; groups with the same piece everywhere.
 __device__ inline bool decide(const ReyesBatch &b, QueuedPiece &q, SharedPart &part, uint32_t lane,
@@ -85,6 +103,10 @@ __device__ inline bool decide(const ReyesBatch &b, QueuedPiece &q, SharedPart &p
   else polygon_lengths(part.x, part.y, part.w, b.dice.half_width, int(lane), length_u, length_v);
   length_u = group_max(length_u);
   length_v = group_max(length_v);
+  if (b.dice.flatness > 0.0f) {
+    const SecondDifferences d = group_second_differences(part, lane);
+    if (is_in_front) shorten_flat(d, b.dice, length_u, length_v);
+  }
   action = choose_action(p, is_in_front, length_u, length_v, b.dice);
   __syncwarp();
   return is_seen;

@@ -6,6 +6,7 @@
 #include "cuda/path/group_film.h"
 #include "cuda/path/render.h"
 #include "cuda/path/wave.h"
+#include "cuda/reyes/blended_samples.h"
 #include "cuda/reyes/visible.h"
 #include "error.h"
 #include "memory.h"
@@ -17,6 +18,11 @@ namespace {
 constexpr uint64_t max_group_samples = uint64_t(1) << 25;
 constexpr uint64_t max_group_pixels = uint64_t(1) << 22;
 constexpr uint64_t min_group_samples = uint64_t(1) << 12;
+// Where surfaces blend, samples take several times the memory.
+constexpr uint64_t max_blended_samples = uint64_t(1) << 22;
+// Fragments that are kept at a time.
+constexpr uint64_t max_fragments = uint64_t(1) << 24;
+constexpr uint64_t min_fragments = uint64_t(1) << 12;
 // Paths that are shaded together.
 constexpr uint32_t max_wave_paths = uint32_t(1) << 21;
 constexpr uint32_t min_wave_paths = uint32_t(1) << 12;
@@ -47,6 +53,7 @@ class ReyesRenderer {
   struct Workspace {
     std::vector<UnitGroup> groups;
     std::optional<VisibleSamples> samples;
+    std::optional<BlendedSamples> blended;
     std::optional<WaveMemory> wave;
     DeviceBuffer<std::byte> film;
     uint64_t film_bytes = 0;
@@ -72,7 +79,8 @@ class ReyesRenderer {
   std::unique_ptr<Workspace> allocate_level(unsigned level, Lane &lane) const
   {
     auto work = std::make_unique<Workspace>();
-    work->groups = group_units(pass_.units, std::max(max_group_samples >> level, min_group_samples),
+    const uint64_t most_samples = reyes_.has_blending ? max_blended_samples : max_group_samples;
+    work->groups = group_units(pass_.units, std::max(most_samples >> level, min_group_samples),
                                max_group_pixels >> level);
     uint64_t num_samples = 1, num_cells = 1, most_samples_per_pixel = 1;
     for (const UnitGroup &g : work->groups)
@@ -84,8 +92,11 @@ class ReyesRenderer {
       work->film_bytes = std::max(work->film_bytes, GroupFilm(g.num_pixels(), pass_.outputs).bytes());
     }
     work->samples.emplace(memory_, reyes_, *pass_.reyes, pass_.reyes_schedule,
-                          ReyesListSizes::at_level(level, reyes_.num_roots), num_samples, num_cells,
-                          has_masks, lane.to_device);
+                          ReyesListSizes::at_level(level, reyes_.num_roots, pass_.reyes->flatness > 0),
+                          num_samples, num_cells, has_masks, lane.to_device);
+    if (reyes_.has_blending)
+      work->blended.emplace(memory_, num_samples, std::max(max_fragments >> level, min_fragments),
+                            needs_rays_);
     const uint32_t wave_paths = std::max(max_wave_paths >> level, min_wave_paths);
     if (needs_rays_)
       work->wave.emplace(memory_, uint32_t(std::min<uint64_t>(num_samples, wave_paths)), pass_.schedule,
@@ -108,7 +119,9 @@ class ReyesRenderer {
       check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
     const FilmView film = layout.view(work.film.data(), u.x1 - u.x0, u.y1 - u.y0);
     WaveCounters wave_counters;
-    if (!needs_rays_) samples.shade_at_once(pass_.settings, film, lane.stream());
+    if (work.blended) {
+      if (!blend(group, work, film, lane, counters.reyes, wave_counters)) return false;
+    } else if (!needs_rays_) samples.shade_at_once(pass_.settings, film, lane.stream());
     else if (!shade_with_rays(group, work, film, lane, wave_counters)) return false;
     auto *host = static_cast<std::byte *>(lane.to_host.reserve(work.film_bytes));
     check(cudaMemcpyAsync(host, work.film.data(), layout.bytes(), cudaMemcpyDeviceToHost, lane.stream()),
@@ -118,9 +131,37 @@ class ReyesRenderer {
     counters = counters_from(wave_counters);
     counters.reyes = found;
     samples.collect(lane.stream(), counters);
-    counters.reyes.working_bytes = samples.bytes();
+    counters.reyes.working_bytes = samples.bytes() + (work.blended ? work.blended->bytes() : 0);
     deliver(pass_, group, layout.view(host, u.x1 - u.x0, u.y1 - u.y0), counters, false);
     return true;
+  }
+
+  // Blends what samples see through surfaces. False: cancelled.
+  bool blend(const UnitGroup &group, Workspace &work, const FilmView &film, Lane &lane,
+             ReyesCounters &counters, WaveCounters &wave_counters) const
+  {
+    const WorkUnit &u = group.bounds;
+    const auto shade = [&](const Blending &blending, uint32_t num_items) {
+      const uint32_t capacity = work.wave->capacity();
+      RayStandIns stand_ins;
+      stand_ins.no_shadows = pass_.reyes->no_shadows != 0;
+      for (uint32_t first = 0; first < num_items; first += capacity) {
+        const uint32_t count = std::min(capacity, num_items - first);
+        stand_ins.eye_hits = [&](const PathUnit &, const PathWave &wave, uint32_t n, cudaStream_t stream) {
+          launch_make_shown_paths(blending, wave, first, n, stream);
+        };
+        // Paths are items, not samples: they go to no film from here.
+        if (!render_wave(scene_, pass_.settings, {u.x0, u.y0, u.x1, u.y1, u.first_sample, 0}, FilmView{},
+                         count, pass_.cancelled, *work.wave, lane.stream(), wave_counters, stand_ins)) {
+          return false;
+        }
+        launch_add_shown(blending, work.wave->wave(), first, count, lane.stream());
+      }
+      wave_counters.largest_sample = 0;
+      return true;
+    };
+    return work.blended->run(u, pass_.settings, *work.samples, shade, film, pass_.cancelled, lane.stream(),
+                             counters);
   }
 
   // Path tracing's stages with what samples see in place of eye rays' hits. False: cancelled.
@@ -156,11 +197,6 @@ class ReyesRenderer {
 
 ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings)
 {
-  if (settings.flatness > 0) {
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "reyes.flatness is {}, which this version has on CPU devices alone; set it to 0, or use one",
-         settings.flatness);
-  }
   if (settings.fragment_slots != 0) {
     fail(GPURT_ERROR_UNSUPPORTED, "reyes.fragment_slots is {}, which this version does not have; set it to 0",
          settings.fragment_slots);

@@ -13,6 +13,9 @@ struct ReyesDeviceScene {
   uint64_t num_roots;
   bool has_meshes;       // some of them are triangles
   bool has_found_light;  // lamps or an environment: light that rays from surfaces may meet
+  bool has_blending;     // materials that let light through
+  bool has_cutouts;      // others that have holes
+  bool has_opaque;       // surfaces that do not blend
 };
 
 /// Renders the units of `pass`, which has settings of REYES. Returns when all are delivered or left out by cancellation.

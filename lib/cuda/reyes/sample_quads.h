@@ -238,16 +238,46 @@ __device__ __forceinline__ void put_spots(const ReyesBatch &b, const WarpGrid &g
   __syncwarp();
 }
 
-// What a look at the micropolygons is for: what is nearest, where on it samples lie, or what is nearest with its light.
-enum class Look { Nearest, Spots, OwnLight };
+// Fragments of the last n of the samples that were seen, at most a warp's: a micropolygon that is not convex may be two.
+__device__ __forceinline__ void keep_fragments(const ReyesBatch &b, const WarpGrid &g,
+                                               const SeenSamples &seen, uint32_t root, uint32_t first,
+                                               uint32_t n, uint32_t lane)
+{
+  __syncwarp();
+  const uint32_t i = first + (lane < n ? lane : 0), width = (1u << g.piece.grid_u) + 1;
+  const uint32_t quad = lane < n ? seen.quad[i] : 0, slot = seen.slot[i];
+  const uint32_t a = (quad >> g.piece.grid_u) * width + (quad & (width - 2));
+  const uint32_t at[4] = {a, a + 1, a + width + 1, a + width};
+  const int32_t ox = g.x[a], oy = g.y[a];
+  for (int half = 0; half < 2; ++half) {
+    const uint32_t k[3] = {at[0], at[half + 1], at[half + 2]};
+    SmallTriangle t;
+    float z = 0.0f, share_b, share_c;
+    if (lane < n &&
+        make_small_triangle(0.0f, 0.0f, g.z[k[0]], float(g.x[k[1]] - ox), float(g.y[k[1]] - oy), g.z[k[1]],
+                            float(g.x[k[2]] - ox), float(g.y[k[2]] - oy), g.z[k[2]], t)) {
+      z = cover(t, seen.x[i], seen.y[i], share_b, share_c);
+    }
+    __syncwarp();
+    if (!(z > 0.0f && is_fragment(b, slot, root, z))) continue;
+    const WarpPlaces &p = seen.places;
+    const Vec2f corners[3] = {{p.u[k[0]], p.v[k[0]]}, {p.u[k[1]], p.v[k[1]]}, {p.u[k[2]], p.v[k[2]]}};
+    put<Look::Keep>(b, slot, root, z, cover_uv(t, corners, z, share_b, share_c));
+  }
+  __syncwarp();
+}
 
-// `light`: packed, of micropolygons with light of their own; `seen`: of looks for spots. Both else null.
+// `light`: packed, of micropolygons with light of their own; `seen`: of looks for spots or fragments. Both else null.
 template <Look look, class Walk>
 __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid &g, bool is_in_front,
                                              uint32_t leaf, uint32_t root, const WarpLight *light,
                                              SeenSamples *seen, uint32_t lane, uint32_t &num_fragments)
 {
-  constexpr bool finds_spots = look == Look::Spots, has_light = look == Look::OwnLight;
+  constexpr bool collects = look == Look::Spots || look == Look::Keep, has_light = look == Look::OwnLight;
+  const auto put_last = [&](uint32_t first, uint32_t n) {
+    if constexpr (look == Look::Keep) keep_fragments(b, g, *seen, root, first, n, lane);
+    else if constexpr (look == Look::Spots) put_spots(b, g, *seen, first, n, lane);
+  };
   const uint32_t num_u = 1u << g.piece.grid_u, width = num_u + 1,
                  num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);
   uint32_t num_seen = 0;
@@ -280,15 +310,30 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
     Walk walk(b.samples, x0, y0, x1, y1, ax, ay, is_there);
     while (__any_sync(all_lanes, walk.is_at_sample())) {
       float z = 0.0f, x = 0.0f, y = 0.0f;
+      uint32_t num_taken = 0;  // of fragments
       if (walk.is_at_sample()) {
         const uint32_t place = walk.place(b.samples);
         x = walk.x(place);
         y = walk.y(place);
         const float zs = cover_tiny(s, x, y), zt = cover_tiny(t, x, y);
         z = zt > zs ? zt : zs;
+        if constexpr (is_of_fragments(look)) {
+          if (z > 0.0f) {
+            const uint32_t slot = walk.slot(b.samples);
+            num_taken = (zs > 0.0f && is_fragment(b, slot, root, zs) ? 1 : 0) +
+                        (zt > 0.0f && is_fragment(b, slot, root, zt) ? 1 : 0);
+          }
+        }
       }
-      if constexpr (finds_spots) {
-        const bool takes = z > 0.0f && b.samples.keys[walk.slot(b.samples)] == sample_key_of(z, root);
+      if constexpr (look == Look::Count) {
+        num_fragments += num_taken;
+        __syncwarp();
+        if (num_taken != 0)
+          atomicAdd(b.fragments.count + (walk.slot(b.samples) - b.fragments.origin), num_taken);
+      } else if constexpr (collects) {
+        bool takes = num_taken != 0;
+        if constexpr (look == Look::Spots)
+          takes = z > 0.0f && b.samples.keys[walk.slot(b.samples)] == sample_key_of(z, root);
         const uint32_t takers = __ballot_sync(all_lanes, takes);
         if (takes) {
           const uint32_t i = num_seen + uint32_t(__popc(takers & ((1u << lane) - 1)));
@@ -300,17 +345,17 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
         num_seen += uint32_t(__popc(takers));
         if (num_seen >= 32) {
           num_seen -= 32;
-          put_spots(b, g, *seen, num_seen, 32, lane);
+          put_last(num_seen, 32);
         }
       } else {
         num_fragments += z > 0.0f ? 1 : 0;
         __syncwarp();
-        if (z > 0.0f) put<false>(b, walk.slot(b.samples), kept, z, {});
+        if (z > 0.0f) put<look>(b, walk.slot(b.samples), kept, z, {});
       }
       if (walk.is_at_sample()) walk.advance(b.samples);
     }
   }
-  if constexpr (finds_spots) put_spots(b, g, *seen, 0, num_seen, lane);
+  put_last(0, num_seen);
   __syncwarp();
 }
 
@@ -329,5 +374,35 @@ struct GridCounts {
     add_of_lanes(&numbers.num_fragments, fragments);
   }
 };
+
+// Dices the batch's grids and samples them, a warp each.
+template <Look look, class Walk>
+__device__ __forceinline__ void sample_grids_of(const ReyesBatch &b)
+{
+  constexpr bool collects = look == Look::Spots || look == Look::Keep, has_light = look == Look::OwnLight;
+  __shared__ WarpLight lights[has_light ? block_size / 32 : 1];
+  __shared__ WarpGrid grids[block_size / 32];
+  __shared__ SeenSamples seen_samples[collects ? block_size / 32 : 1];
+  const uint32_t lane = threadIdx.x % 32, warp = threadIdx.x / 32;
+  WarpGrid &g = grids[warp];
+  WarpLight *light = has_light ? &lights[warp] : nullptr;
+  SeenSamples *seen = collects ? &seen_samples[warp] : nullptr;
+  const uint32_t num_leaves = b.numbers->num_leaves;
+  GridCounts counts;
+  for (uint32_t leaf; (leaf = next_item(&b.numbers->tickets[0], num_leaves)) != num_leaves;) {
+    const uint32_t slot = b.leaves[leaf].slot, root = b.roots[slot];
+    if (!is_wanted<look>(b, slot, root)) continue;
+    copy_words(g.piece, b.leaves[leaf].piece, lane);
+    copy_words(g.patch, b.patches[slot], lane);
+    __syncwarp();
+    const bool is_in_front = dice(g, b.projection, lane, collects ? &seen->places : nullptr);
+    __syncwarp();
+    ++counts.grids;
+    counts.micropolygons += 1u << (g.piece.grid_u + g.piece.grid_v);
+    if constexpr (has_light) counts.shaded += shade_grid(b, g, root, *light, lane);
+    sample_quads<look, Walk>(b, g, is_in_front, leaf, root, light, seen, lane, counts.fragments);
+  }
+  if (!collects) counts.add_to(*b.numbers);
+}
 
 }  // namespace gpurt::cuda

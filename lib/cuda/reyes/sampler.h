@@ -1,6 +1,8 @@
 // Stage 'sample' on a lane of a warp: samples that triangles cover, and what they leave there. For .cu files alone.
 #pragma once
 
+#include <type_traits>
+
 #include "core/reyes/map.h"
 #include "core/scene/surface.h"
 #include "cuda/launch.h"
@@ -31,16 +33,36 @@ __device__ __forceinline__ unsigned long long sample_key_of(float z, uint32_t ro
   return static_cast<unsigned long long>(float_bits(z)) << 32 | uint32_t(~root);
 }
 
+// Whether a look is for a root of this slot.
+template <Look look>
+__device__ __forceinline__ bool is_wanted(const ReyesBatch &b, uint32_t slot, uint32_t root)
+{
+  if (look == Look::OwnLight) return true;
+  if (b.blends != nullptr && (b.blends[slot] != 0) != is_of_fragments(look)) return false;
+  return look != Look::Spots || is_visible(b, root);
+}
+
+// Whether a surface that blends is a fragment of the part: before what is opaque there.
+__device__ __forceinline__ bool is_fragment(const ReyesBatch &b, uint32_t slot, uint32_t root, float z)
+{
+  const FragmentView &f = b.fragments;
+  const unsigned long long key = sample_key_of(z, root);
+  return slot - f.begin < f.end - f.begin && key > f.behind && key <= f.last && key > b.samples.keys[slot];
+}
+
 // Whether a sample that is covered takes the surface, and where on it it lies. The first time samples keep what is
-// nearest, the second time the smallest place of that.
-template <bool finds_spots, bool has_masks, class Place>
+// nearest, the second time the smallest place of that; of surfaces that blend all that are before it.
+template <Look look, bool has_masks, class Place>
 __device__ __forceinline__ bool is_taken(const ReyesBatch &b, uint32_t slot, uint32_t root, float z,
                                          const Place &place, Vec2f &at)
 {
-  if constexpr (finds_spots) {
+  if constexpr (look == Look::Spots) {
     if (b.samples.keys[slot] != sample_key_of(z, root)) return false;
   }
-  if constexpr (finds_spots || has_masks) at = place();
+  if constexpr (is_of_fragments(look)) {
+    if (!is_fragment(b, slot, root, z)) return false;
+  }
+  if constexpr (look == Look::Spots || look == Look::Keep || has_masks) at = place();
   if constexpr (has_masks) {
     const Hit hit = hit_of_root(b.scene, root, at.x, at.y, 0.0f);
     if (!(opacity_at(b.scene.scene, hit.triangle, hit.u, hit.v) > 0.0f)) return false;
@@ -48,10 +70,31 @@ __device__ __forceinline__ bool is_taken(const ReyesBatch &b, uint32_t slot, uin
   return true;
 }
 
-template <bool finds_spots>
+// Whether a look counts a sample that a triangle covers, or that takes it.
+__device__ __forceinline__ constexpr bool counts_fragment(Look look, bool covers, bool takes)
+{
+  return look == Look::Count ? takes : (look == Look::Nearest && covers);
+}
+
+// Puts a fragment into the next place of those that were counted for its sample.
+__device__ __forceinline__ void keep_fragment(const ReyesBatch &b, uint32_t slot, const KeptFragment &kept)
+{
+  const FragmentView &f = b.fragments;
+  const uint32_t before = atomicSub(f.count + (slot - f.origin), 1u) - 1;
+  const uint64_t at = f.first[slot - f.origin] - f.base + before;
+  if (before >= f.capacity || at >= f.capacity) {
+    atomicAdd(&b.numbers->num_misplaced, 1u);
+    return;
+  }
+  *reinterpret_cast<float4 *>(f.kept + at) = make_float4(kept.z, float_from_bits(kept.root), kept.u, kept.v);
+}
+
+template <Look look>
 __device__ __forceinline__ void put(const ReyesBatch &b, uint32_t slot, uint32_t root, float z, Vec2f at)
 {
-  if constexpr (finds_spots) atomicMin(b.samples.spots + slot, place_key(at));
+  if constexpr (look == Look::Spots) atomicMin(b.samples.spots + slot, place_key(at));
+  else if constexpr (look == Look::Count) atomicAdd(b.fragments.count + (slot - b.fragments.origin), 1u);
+  else if constexpr (look == Look::Keep) keep_fragment(b, slot, {z, root, at.x, at.y});
   else atomicMax(b.samples.keys + slot, sample_key_of(z, root));
 }
 
@@ -116,7 +159,7 @@ class SampleWalk {
 
 // One or two small triangles a lane, from an origin in raster units; `places(i, corners)` are the (u, v) of their corners.
 // The lanes of a warp look at a sample each at a time, so that they write together.
-template <bool finds_spots, bool has_masks, int num, class Places>
+template <Look look, bool has_masks, int num, class Places>
 __device__ void sample_small(const ReyesBatch &b, uint32_t root, bool is_there, const CellRange &cells,
                              int32_t origin_x, int32_t origin_y, const SmallTriangle (&t)[num],
                              const Places &places, uint32_t &num_fragments)
@@ -133,15 +176,15 @@ __device__ void sample_small(const ReyesBatch &b, uint32_t root, bool is_there, 
         nearest = z[i] > nearest ? z[i] : nearest;
       }
     }
-    if constexpr (!finds_spots) num_fragments += nearest > 0.0f ? 1 : 0;
-    if constexpr (!finds_spots && !has_masks) {
+    if constexpr (look == Look::Nearest) num_fragments += nearest > 0.0f ? 1 : 0;
+    if constexpr (look == Look::Nearest && !has_masks) {
       __syncwarp();
-      if (nearest > 0.0f) put<false>(b, walk.slot(), root, nearest, {});
+      if (nearest > 0.0f) put<look>(b, walk.slot(), root, nearest, {});
     } else if (__any_sync(all_lanes, nearest > 0.0f)) {
       for (int i = 0; i < num; ++i) {
         Vec2f at{};
         const bool takes = nearest > 0.0f && z[i] > 0.0f &&
-                           is_taken<finds_spots, has_masks>(
+                           is_taken<look, has_masks>(
                                b, walk.slot(), root, z[i],
                                [&] {
                                  Vec2f corners[3];
@@ -149,8 +192,9 @@ __device__ void sample_small(const ReyesBatch &b, uint32_t root, bool is_there, 
                                  return cover_uv(t[i], corners, z[i], share_b[i], share_c[i]);
                                },
                                at);
+        if constexpr (look == Look::Count) num_fragments += takes ? 1 : 0;
         __syncwarp();
-        if (takes) put<finds_spots>(b, walk.slot(), root, z[i], at);
+        if (takes) put<look>(b, walk.slot(), root, z[i], at);
       }
     }
     walk.advance(g);
@@ -188,7 +232,7 @@ __device__ inline bool make_large_cover(const ReyesBatch &b, const LargeTriangle
 }
 
 // A sample of the walk's; whether the triangle covers it.
-template <bool finds_spots, bool has_masks>
+template <Look look, bool has_masks>
 __device__ bool test_large(const ReyesBatch &b, const LargeTriangle &t, const LargeCover &large,
                            const SampleWalk &walk, float &z, Vec2f &at, bool &covers)
 {
@@ -197,7 +241,7 @@ __device__ bool test_large(const ReyesBatch &b, const LargeTriangle &t, const La
   z = cover_any(large.cover, double(walk.x(g)), double(walk.y(g)), share_b, share_c);
   covers = z > 0.0f;
   return covers &&
-         is_taken<finds_spots, has_masks>(
+         is_taken<look, has_masks>(
              b, walk.slot(), t.root, z,
              [&] {
                return cover_uv(large.corners[0], large.corners[1], large.corners[2], z, share_b, share_c);
@@ -207,7 +251,7 @@ __device__ bool test_large(const ReyesBatch &b, const LargeTriangle &t, const La
 
 // Leaves a large triangle to the kernel for those; where the list of them is full, samples it by this lane alone. Lanes
 // need not be together.
-template <bool finds_spots, bool has_masks>
+template <Look look, bool has_masks>
 __device__ __noinline__ void hand_on_large(const ReyesBatch &b, const LargeTriangle &t,
                                            uint32_t &num_fragments)
 {
@@ -222,9 +266,9 @@ __device__ __noinline__ void hand_on_large(const ReyesBatch &b, const LargeTrian
     float z;
     Vec2f place{};
     bool covers;
-    if (test_large<finds_spots, has_masks>(b, t, large, walk, z, place, covers))
-      put<finds_spots>(b, walk.slot(), t.root, z, place);
-    if constexpr (!finds_spots) num_fragments += covers ? 1 : 0;
+    const bool takes = test_large<look, has_masks>(b, t, large, walk, z, place, covers);
+    if (takes) put<look>(b, walk.slot(), t.root, z, place);
+    num_fragments += counts_fragment(look, covers, takes) ? 1 : 0;
   }
 }
 
@@ -244,17 +288,27 @@ __device__ __forceinline__ uint32_t next_item(uint32_t *ticket, uint32_t n)
   return item < n ? item : n;
 }
 
-/// Calls launch(kernel) with the instance of a kernel template for the batch.
+/// Calls launch(kernel) with the instance of a kernel template for the batch: Look::Nearest or Look::Spots.
 template <class Launch>
-void choose_kernel(bool finds_spots, bool has_masks, const Launch &launch_kernel)
+void choose_kernel(Look look, bool has_masks, const Launch &launch_kernel)
 {
-  if (finds_spots) {
-    if (has_masks) launch_kernel(std::true_type(), std::true_type());
-    else launch_kernel(std::true_type(), std::false_type());
+  using Nearest = std::integral_constant<Look, Look::Nearest>;
+  using Spots = std::integral_constant<Look, Look::Spots>;
+  if (look == Look::Spots) {
+    if (has_masks) launch_kernel(Spots(), std::true_type());
+    else launch_kernel(Spots(), std::false_type());
   } else {
-    if (has_masks) launch_kernel(std::false_type(), std::true_type());
-    else launch_kernel(std::false_type(), std::false_type());
+    if (has_masks) launch_kernel(Nearest(), std::true_type());
+    else launch_kernel(Nearest(), std::false_type());
   }
+}
+
+/// The same for Look::Count or Look::Keep.
+template <class Launch>
+void choose_fragment_kernel(Look look, const Launch &launch_kernel)
+{
+  if (look == Look::Count) launch_kernel(std::integral_constant<Look, Look::Count>());
+  else launch_kernel(std::integral_constant<Look, Look::Keep>());
 }
 
 }  // namespace gpurt::cuda

@@ -56,6 +56,32 @@ struct LargeTriangle {
   uint32_t root;
 };
 
+/// A look at the micropolygons is for what is nearest, for where on it samples lie, for what is nearest with its light, or,
+/// of surfaces that blend, for the number of fragments, or for these.
+enum class Look : uint32_t { Nearest, Spots, OwnLight, Count, Keep };
+
+GPURT_INLINE constexpr bool is_of_fragments(Look look) { return look == Look::Count || look == Look::Keep; }
+
+/// A surface that blends, as a sample sees it.
+struct alignas(16) KeptFragment {
+  float z;  // 1 / w
+  uint32_t root;
+  float u, v;  // place on it
+};
+
+/// Fragments of samples [begin, end) of a grid, of those that lie between two keys.
+struct FragmentView {
+  uint32_t *
+      count;  // [slot - origin]: how many a sample has; once there is room for them, how many are still to come
+  const uint64_t *first;  // [slot - origin]: those of all samples before
+  KeptFragment *kept;     // those of sample s are kept[first[s] - base] ..
+  uint64_t base;
+  uint64_t capacity;  // of kept
+  uint32_t origin;
+  uint32_t begin, end;
+  unsigned long long behind, last;  // keys above the one and up to the other
+};
+
 /// What the stages count, in device memory.
 struct ReyesNumbers {
   // Of the batch.
@@ -72,6 +98,12 @@ struct ReyesNumbers {
   // Of the group.
   uint32_t largest_queue;
   uint32_t largest_sample;  // bits of the largest radiance
+  // Of samples whose fragments are kept together: where they end, the pixels of the first and the last of them, fragments
+  // before theirs, and their own.
+  uint32_t part_end, first_pixel, last_pixel;
+  uint32_t num_misplaced;  // fragments that had not been counted: never
+  unsigned long long part_first, part_fragments;
+  uint32_t num_items;  // that a part shows: fragments and what lies behind them
   unsigned long long num_patches, num_triangles_seen, num_splits, num_culled, num_grids, num_micropolygons,
       num_fragments, num_shaded, split_rounds, num_donated, num_switches;
 };
@@ -85,11 +117,15 @@ struct ReyesBatch {
   SampleGrid samples;
   OwnLight own;             // of micropolygons
   uint32_t has_own_light;   // 1: samples keep it in place of roots
+  uint32_t has_cutouts;     // 1: some root that does not blend has holes
   const uint32_t *visible;  // a bit a root; null: all roots may be seen
   RasterPatch *patches;     // [slots]
   RasterPoint *largest;     // of a slot's control points
   uint32_t *roots;          // of slots
-  uint32_t *triangles;      // roots of meshes
+  uint8_t *blends;          // whether the material of a slot's root does; null: none does
+  uint32_t kinds;           // of roots that are bounded: 1: those that do not blend, 2: those that do
+  FragmentView fragments;
+  uint32_t *triangles;  // roots of meshes
   QueuedPiece *stack;
   uint32_t stack_capacity;
   QueuedPiece *leaves;
@@ -129,8 +165,9 @@ void launch_bound_roots(const ReyesBatch &batch, uint64_t first_root, uint32_t n
 void launch_split(const ReyesBatch &batch, cudaStream_t stream);
 
 /// Dices pieces and puts micropolygons into the samples; the second time, samples learn where on their root they are. With
-/// light of their own micropolygons are shaded before, and there is no second time.
-void launch_sample_grids(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
+/// light of their own micropolygons are shaded before, and there is no second time. Roots that blend are for looks of
+/// fragments, all others for the other looks.
+void launch_sample_grids(const ReyesBatch &batch, Look look, cudaStream_t stream);
 
 /// The same of leaves that have light of their own, by other schedules: a kernel each for dicing, shading and sampling, with
 /// `grids` between them, as many leaves at a time as it has room for; returns how many times. Or one kernel whose warps turn
@@ -141,9 +178,16 @@ uint64_t launch_staged_grids(const ReyesBatch &batch, uint32_t num_leaves, Diced
 uint64_t diced_grid_bytes();
 void launch_uber_grids(const ReyesBatch &batch, cudaStream_t stream);
 
-void launch_sample_rest(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
-void launch_sample_triangles(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
-void launch_sample_large(const ReyesBatch &batch, bool finds_spots, cudaStream_t stream);
+void launch_sample_rest(const ReyesBatch &batch, Look look, cudaStream_t stream);
+void launch_sample_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream);
+void launch_sample_large(const ReyesBatch &batch, Look look, cudaStream_t stream);
+
+/// The same of roots that blend, for Look::Count and Look::Keep.
+void launch_fragments_of_grids(const ReyesBatch &batch, Look look, cudaStream_t stream);
+void launch_fragments_of_rest(const ReyesBatch &batch, Look look, cudaStream_t stream);
+void launch_fragments_of_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream);
+void launch_fragments_of_large(const ReyesBatch &batch, Look look, cudaStream_t stream);
+void launch_count_large_tiles(const ReyesBatch &batch, cudaStream_t stream);
 
 /// Sets the bits of the roots that samples see.
 void launch_mark_visible(const SampleGrid &grid, uint32_t *visible, cudaStream_t stream);

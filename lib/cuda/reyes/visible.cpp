@@ -24,12 +24,12 @@ constexpr float largest_masked_rate = 4.0f;
 
 }  // namespace
 
-ReyesListSizes ReyesListSizes::at_level(unsigned level, uint64_t num_roots)
+ReyesListSizes ReyesListSizes::at_level(unsigned level, uint64_t num_roots, bool has_flat_regions)
 {
   const auto room = [&](unsigned bits, uint32_t least) {
     return std::max(level < bits ? uint32_t(1) << (bits - level) : 1u, least);
   };
-  ReyesListSizes s{room(17, 256), room(19, 1024), room(20, 1024), room(16, 256)};
+  ReyesListSizes s{room(17, 256), room(19, 1024), room(20, 1024), room(has_flat_regions ? 18 : 16, 256)};
   s.roots = uint32_t(std::clamp<uint64_t>(num_roots, 1, s.roots));
   return s;
 }
@@ -42,6 +42,7 @@ struct VisibleSamples::Arrays {
   uint64_t scan_bytes;
   RasterPatch *patches;
   RasterPoint *largest;
+  uint8_t *blends;
   QueuedPiece *stack, *leaves;
   LargeTriangle *large;
   ReyesNumbers *numbers;
@@ -51,7 +52,7 @@ struct VisibleSamples::Arrays {
 VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListSizes &sizes,
                                                uint64_t num_samples, uint64_t num_cells, uint64_t num_roots,
                                                const ReyesSettings &settings, const ReyesSchedule &schedule,
-                                               bool has_masks)
+                                               bool has_masks, bool has_blending)
 {
   const bool has_filter = settings.filter != ReyesFilter::Box;
   Layout layout(base);
@@ -70,6 +71,7 @@ VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListS
   a.triangles = layout.take<uint32_t>(sizes.roots);
   a.patches = layout.take<RasterPatch>(sizes.roots);
   a.largest = layout.take<RasterPoint>(sizes.roots);
+  a.blends = layout.take<uint8_t>(has_blending ? sizes.roots : 0);
   a.stack = layout.take<QueuedPiece>(sizes.stack);
   a.leaves = layout.take<QueuedPiece>(sizes.leaves);
   a.rest = layout.take<uint32_t>(sizes.leaves);
@@ -95,15 +97,18 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
       sizes_(sizes),
       num_cells_(num_cells),
       buffer_(memory,
-              lay_out(nullptr, sizes, num_samples, num_cells, scene.num_roots, settings, schedule, has_masks)
+              lay_out(nullptr, sizes, num_samples, num_cells, scene.num_roots, settings, schedule, has_masks,
+                      scene.has_blending)
                   .bytes,
               "what REYES samples see, and its lists"),
       has_meshes_(scene.has_meshes),
+      has_blending_(scene.has_blending),
+      has_opaque_(scene.has_opaque),
       pinned_(pinned)
 {
   const bool has_filter = settings.filter != ReyesFilter::Box;
-  const Arrays a =
-      lay_out(buffer_.data(), sizes, num_samples, num_cells, num_roots_, settings, schedule, has_masks);
+  const Arrays a = lay_out(buffer_.data(), sizes, num_samples, num_cells, num_roots_, settings, schedule,
+                           has_masks, has_blending_);
   first_ = a.first;
   at_ = a.at;
   ready_ = schedule.split == Launch::Persistent ? a.ready : nullptr;
@@ -117,6 +122,8 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
   visible_ = a.visible;
   batch_.scene = scene.view;
   batch_.has_own_light = has_own_light_ ? 1 : 0;
+  batch_.has_cutouts = scene.has_cutouts ? 1 : 0;
+  batch_.blends = has_blending_ ? a.blends : nullptr;
   batch_.samples.masks = masks_;
   batch_.samples.first = a.first;
   batch_.samples.places = a.at;
@@ -150,8 +157,7 @@ bool VisibleSamples::suits_masks(const ReyesDeviceScene &scene, const ReyesSetti
                                  uint64_t most_samples_per_pixel)
 {
   return settings.filter == ReyesFilter::Box && most_samples_per_pixel <= most_masked &&
-         settings.shading_rate <= largest_masked_rate && !scene.has_meshes &&
-         scene.view.scene.has_alpha_masks == 0;
+         settings.shading_rate <= largest_masked_rate && !scene.has_meshes && !scene.has_cutouts;
 }
 
 void VisibleSamples::mark(Stage stage, cudaStream_t stream)
@@ -159,6 +165,15 @@ void VisibleSamples::mark(Stage stage, cudaStream_t stream)
   if (events_.size() == stages_.size()) events_.push_back(std::make_unique<Event>());
   events_[stages_.size()]->record(stream);
   stages_.push_back(stage);
+}
+
+// Pixels [x0, x1) x [y0, y1) of the grid with a pixel around them, in pixels from the image's centre.
+RasterRect VisibleSamples::rect_of_pixels(uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1) const
+{
+  const int32_t left = batch_.samples.x0 >> unit_bits, top = batch_.samples.y0 >> unit_bits;
+  const float half_width = batch_.dice.half_width, half_height = batch_.dice.half_height;
+  return {float(left + int32_t(x0) - 1) - half_width, float(top + int32_t(y0) - 1) - half_height,
+          float(left + int32_t(x1) + 1) - half_width, float(top + int32_t(y1) + 1) - half_height};
 }
 
 void VisibleSamples::place(const WorkUnit &group, const PathSettings &settings, cudaStream_t stream)
@@ -180,9 +195,8 @@ void VisibleSamples::place(const WorkUnit &group, const PathSettings &settings, 
               half_height = 0.5f * float(settings.camera.height);
   batch_.own = own_light(batch_.projection, settings_.shading == ReyesShading::Blocks ? 1 : 0,
                          settings.max_depth >= 2);
-  batch_.dice = {1.0f / sqrt(settings_.shading_rate), half_width, half_height};
-  batch_.rect = {float(x0 - 1) - half_width, float(y0 - 1) - half_height, float(x0 + width + 1) - half_width,
-                 float(y0 + height + 1) - half_height};
+  batch_.dice = {1.0f / sqrt(settings_.shading_rate), half_width, half_height, settings_.flatness};
+  batch_.rect = rect_of_pixels(0, 0, uint32_t(width), uint32_t(height));
   places_.unit = {group.x0, group.y0, group.x1, group.y1, group.first_sample, 0};
   places_.num_samples = group.num_samples;
   places_.seed = settings.seed;
@@ -224,107 +238,158 @@ void VisibleSamples::split(const ReyesNumbers *last, cudaStream_t stream)
 }
 
 // What the lists hold goes into the samples. Once they have gone through it, it is known which of them are empty.
-void VisibleSamples::sample(bool finds_spots, cudaStream_t stream, bool has_triangles)
+void VisibleSamples::sample(Look look, cudaStream_t stream, bool has_triangles)
 {
   const ReyesNumbers &known = batch_numbers_;
   check(cudaMemsetAsync(&batch_.numbers->num_large, 0,
                         offsetof(ReyesNumbers, pushed) - offsetof(ReyesNumbers, num_large), stream),
         "cudaMemsetAsync");
-  if (has_triangles && has_meshes_ && !(has_all_ && known.num_triangles == 0))
-    launch_sample_triangles(batch_, finds_spots, stream);
-  if (schedule_.stages == Traversal::LeafLists) {
+  if (has_triangles && has_meshes_ && !(has_all_ && known.num_triangles == 0)) {
+    if (is_of_fragments(look)) launch_fragments_of_triangles(batch_, look, stream);
+    else launch_sample_triangles(batch_, look, stream);
+  }
+  if (is_of_fragments(look)) {
+    launch_fragments_of_grids(batch_, look, stream);
+  } else if (schedule_.stages == Traversal::LeafLists) {
     const uint32_t num_leaves = read_numbers(stream).num_leaves;
     list_rounds_ += launch_staged_grids(batch_, num_leaves, staged_, num_staged_, stream);
   } else if (schedule_.stages == Traversal::Uber) {
     launch_uber_grids(batch_, stream);
   } else {
-    launch_sample_grids(batch_, finds_spots, stream);
+    launch_sample_grids(batch_, look, stream);
   }
   mark(Stage::Sample, stream);
 }
 
 // What grids and triangles left to kernels of their own, if anything: `numbers` are of the lists after sample().
-void VisibleSamples::sample_rest(bool finds_spots, const ReyesNumbers &numbers, cudaStream_t stream)
+void VisibleSamples::sample_rest(Look look, const ReyesNumbers &numbers, cudaStream_t stream)
 {
   if (numbers.num_rest == 0 && numbers.num_large == 0) return;
   mark(Stage::None, stream);
-  if (numbers.num_rest != 0) launch_sample_rest(batch_, finds_spots, stream);
-  launch_sample_large(batch_, finds_spots, stream);
+  if (is_of_fragments(look)) {
+    if (numbers.num_rest != 0) launch_fragments_of_rest(batch_, look, stream);
+    launch_fragments_of_large(batch_, look, stream);
+  } else {
+    if (numbers.num_rest != 0) launch_sample_rest(batch_, look, stream);
+    launch_sample_large(batch_, look, stream);
+  }
   mark(Stage::Sample, stream);
 }
 
-void VisibleSamples::run_batch(uint64_t first, bool finds_spots, cudaStream_t stream, ReyesCounters &counters)
+void VisibleSamples::run_batch(uint64_t first, Look look, cudaStream_t stream, ReyesCounters &counters)
 {
   ReyesNumbers *numbers = batch_.numbers;
   check(cudaMemsetAsync(numbers, 0, offsetof(ReyesNumbers, largest_queue), stream), "cudaMemsetAsync");
   const uint32_t n = uint32_t(std::min<uint64_t>(sizes_.roots, num_roots_ - first));
+  const bool is_first_look = look == Look::Nearest, is_whole = n == num_roots_;
+  // A first look whose lists may hold everything does the bounding and cutting for all looks.
+  batch_.kinds = is_whole && is_first_look ? 3 : (is_of_fragments(look) ? 2 : 1);
   launch_bound_roots(batch_, first, n, stream);
   mark(Stage::Bound, stream);
   for (bool is_first = true;; is_first = false) {
     split(is_first ? nullptr : &batch_numbers_, stream);
-    sample(finds_spots, stream, is_first);
+    sample(look, stream, is_first);
     const ReyesNumbers done = read_numbers(stream);
-    sample_rest(finds_spots, done, stream);
+    sample_rest(look, done, stream);
     const bool is_finished = done.waiting == 0 && done.next_slot == done.num_slots;
-    if (is_finished && !finds_spots) {
+    // Unless the first look counted both kinds.
+    if (is_finished && (is_first_look || (look == Look::Count && !(is_whole && has_opaque_)))) {
       counters.num_patches += done.num_slots;
       counters.num_triangles += done.num_triangles;
       counters.largest_bucket = std::max<uint64_t>(counters.largest_bucket, n);
     }
-    has_all_ = is_first && is_finished && n == num_roots_ && !finds_spots;
+    has_all_ = is_first && is_finished && is_whole && !is_narrow_ &&
+               (is_first_look || (look == Look::Count && !has_opaque_));
     batch_numbers_ = done;
     if (is_finished) return;
     check(cudaMemsetAsync(&numbers->num_leaves, 0, sizeof numbers->num_leaves, stream), "cudaMemsetAsync");
   }
 }
 
+// False: cancelled.
+bool VisibleSamples::run_batches(Look look, const std::atomic<bool> *cancelled, cudaStream_t stream,
+                                 ReyesCounters &counters)
+{
+  has_all_ = false;
+  for (uint64_t first = 0; first < num_roots_; first += sizes_.roots) {
+    if (cancelled != nullptr && cancelled->load(std::memory_order_relaxed)) return false;
+    run_batch(first, look, stream, counters);
+  }
+  return true;
+}
+
 bool VisibleSamples::find(const WorkUnit &group, const PathSettings &settings,
                           const std::atomic<bool> *cancelled, cudaStream_t stream, ReyesCounters &counters)
 {
-  const auto is_cancelled = [&] {
-    return cancelled != nullptr && cancelled->load(std::memory_order_relaxed);
-  };
   stages_.clear();
   mark(Stage::None, stream);
   check(cudaMemsetAsync(batch_.numbers, 0, sizeof *batch_.numbers, stream), "cudaMemsetAsync");
   place(group, settings, stream);
   mark(Stage::Place, stream);
   batch_.visible = nullptr;
-  has_all_ = false;
-  for (uint64_t first = 0; first < num_roots_; first += sizes_.roots) {
-    if (is_cancelled()) return false;
-    run_batch(first, false, stream, counters);
-  }
+  has_all_ = is_narrow_ = false;
+  if (!has_opaque_) return true;
+  if (!run_batches(Look::Nearest, cancelled, stream, counters)) return false;
   if (has_own_light_) return true;
   // What is nearest is known: a second look at what is seen tells where on it samples lie.
   check(cudaMemsetAsync(visible_, 0, (num_roots_ / 32 + 1) * sizeof *visible_, stream), "cudaMemsetAsync");
   launch_mark_visible(batch_.samples, visible_, stream);
   batch_.visible = visible_;
   if (has_all_) {
-    sample(true, stream, true);
-    sample_rest(true, batch_numbers_, stream);
+    sample(Look::Spots, stream, true);
+    sample_rest(Look::Spots, batch_numbers_, stream);
     return true;
   }
   ReyesCounters again;
-  for (uint64_t first = 0; first < num_roots_; first += sizes_.roots) {
-    if (is_cancelled()) return false;
-    run_batch(first, true, stream, again);
+  return run_batches(Look::Spots, cancelled, stream, again);
+}
+
+bool VisibleSamples::look_at_fragments(Look look, const FragmentView &view, uint32_t first_pixel,
+                                       uint32_t last_pixel, const std::atomic<bool> *cancelled,
+                                       cudaStream_t stream, ReyesCounters &counters)
+{
+  batch_.fragments = view;
+  batch_.visible = nullptr;
+  const SampleGrid &g = batch_.samples;
+  const uint32_t width = uint32_t(g.cells_x >> cell_shift(g)), height = uint32_t(g.cells_y >> cell_shift(g));
+  const uint32_t y0 = first_pixel / width, y1 = last_pixel / width + 1;
+  // Lists of all are good for parts too, but parts of a few rows are better cut anew.
+  is_narrow_ = y1 - y0 != height;
+  if (!is_narrow_ && has_all_) {
+    // The numbers of the first look are of the other kind of roots; those of the second one are known.
+    mark(Stage::None, stream);
+    sample(look, stream, true);
+    if (look == Look::Count) {
+      const ReyesNumbers done = read_numbers(stream);
+      batch_numbers_.num_rest = done.num_rest;
+      batch_numbers_.num_large = done.num_large;
+    }
+    sample_rest(look, batch_numbers_, stream);
+    return true;
   }
-  return true;
+  if (y1 - y0 == 1) batch_.rect = rect_of_pixels(first_pixel % width, y0, last_pixel % width + 1, y1);
+  else batch_.rect = rect_of_pixels(0, y0, width, y1);
+  ReyesCounters again;
+  return run_batches(look, cancelled, stream, look == Look::Count ? counters : again);
+}
+
+EyeHits VisibleSamples::eye_hits(const PathSettings &settings) const
+{
+  return {batch_.scene,         settings,      places_, places_.unit, slots_, batch_.samples.keys,
+          batch_.samples.spots, batch_.numbers};
 }
 
 void VisibleSamples::write_eye_hits(const PathSettings &settings, const PathUnit &unit, const PathWave &wave,
                                     uint32_t num_paths, cudaStream_t stream) const
 {
-  const EyeHits eye{batch_.scene,         settings,      places_, unit, slots_, batch_.samples.keys,
-                    batch_.samples.spots, batch_.numbers};
+  EyeHits eye = eye_hits(settings);
+  eye.unit = unit;
   launch_eye_hits(eye, wave, num_paths, stream);
 }
 
 void VisibleSamples::shade_at_once(const PathSettings &settings, const FilmView &film, cudaStream_t stream)
 {
-  const EyeHits eye{batch_.scene,         settings,      places_, places_.unit, slots_, batch_.samples.keys,
-                    batch_.samples.spots, batch_.numbers};
+  const EyeHits eye = eye_hits(settings);
   mark(Stage::None, stream);
   if (has_own_light_)
     launch_resolve_own_light(eye, film, film.width * film.height, &batch_.numbers->largest_sample, stream);

@@ -19,8 +19,9 @@ struct ReyesListSizes {
   uint32_t leaves;  // pieces that wait to be diced
   uint32_t large;   // triangles that a lane of its own would take long for
 
-  /// Level 0 is the largest; each further one has half of the last one's room.
-  static ReyesListSizes at_level(unsigned level, uint64_t num_roots);
+  /// Level 0 is the largest; each further one has half of the last one's room. Where flat regions are diced coarser, more
+  /// triangles are large.
+  static ReyesListSizes at_level(unsigned level, uint64_t num_roots, bool has_flat_regions);
 };
 
 /// Memory of a lane for groups of samples, and the stages from 'transform' to 'sample' that run in it.
@@ -37,9 +38,21 @@ class VisibleSamples {
   /// Cells of a group's samples.
   static uint64_t cells_of(const WorkUnit &group, const ReyesSettings &settings, bool has_masks);
 
-  /// Finds what the group's samples see. False if `cancelled` became true on the way.
+  /// Finds what the group's samples see of what does not blend. False if `cancelled` became true on the way.
   bool find(const WorkUnit &group, const PathSettings &settings, const std::atomic<bool> *cancelled,
             cudaStream_t stream, ReyesCounters &counters);
+
+  /// Counts or keeps fragments of surfaces that blend, of the group's samples in the view, all of which lie in the pixels
+  /// [first_pixel, last_pixel] of the grid; false if `cancelled` became true on the way.
+  bool look_at_fragments(Look look, const FragmentView &view, uint32_t first_pixel, uint32_t last_pixel,
+                         const std::atomic<bool> *cancelled, cudaStream_t stream, ReyesCounters &counters);
+  /// Of the group: its samples, and what decides where they lie and what they see.
+  const SampleGrid &grid() const { return batch_.samples; }
+  EyeHits eye_hits(const PathSettings &settings) const;
+  ReyesNumbers read_numbers(cudaStream_t stream);
+  /// What is put on the stream in between counts as shading.
+  void begin_shading(cudaStream_t stream) { mark(Stage::None, stream); }
+  void end_shading(cudaStream_t stream) { mark(Stage::Shade, stream); }
 
   /// Writes what eye rays of the unit, a part of the group, meet.
   void write_eye_hits(const PathSettings &settings, const PathUnit &unit, const PathWave &wave,
@@ -58,14 +71,16 @@ class VisibleSamples {
   struct Arrays;
   static Arrays lay_out(std::byte *base, const ReyesListSizes &sizes, uint64_t num_samples,
                         uint64_t num_cells, uint64_t num_roots, const ReyesSettings &settings,
-                        const ReyesSchedule &schedule, bool has_masks);
+                        const ReyesSchedule &schedule, bool has_masks, bool has_blending);
   void mark(Stage stage, cudaStream_t stream);
   void place(const WorkUnit &group, const PathSettings &settings, cudaStream_t stream);
-  ReyesNumbers read_numbers(cudaStream_t stream);
+  RasterRect rect_of_pixels(uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1) const;
   void split(const ReyesNumbers *last, cudaStream_t stream);
-  void sample(bool finds_spots, cudaStream_t stream, bool has_triangles);
-  void sample_rest(bool finds_spots, const ReyesNumbers &numbers, cudaStream_t stream);
-  void run_batch(uint64_t first, bool finds_spots, cudaStream_t stream, ReyesCounters &counters);
+  void sample(Look look, cudaStream_t stream, bool has_triangles);
+  void sample_rest(Look look, const ReyesNumbers &numbers, cudaStream_t stream);
+  void run_batch(uint64_t first, Look look, cudaStream_t stream, ReyesCounters &counters);
+  bool run_batches(Look look, const std::atomic<bool> *cancelled, cudaStream_t stream,
+                   ReyesCounters &counters);
 
   const uint64_t num_roots_;
   const ReyesSettings settings_;
@@ -85,9 +100,10 @@ class VisibleSamples {
   uint16_t *at_ = nullptr, *masks_ = nullptr;
   std::byte *scan_memory_ = nullptr;
   uint64_t scan_bytes_ = 0;
-  const bool has_meshes_;
-  // Of the last batch: its lists hold all that the group needs, and what it counted.
+  const bool has_meshes_, has_blending_, has_opaque_;
+  // Of the last batch: its lists hold all that the group needs, of both kinds of roots, and what it counted.
   bool has_all_ = false;
+  bool is_narrow_ = false;  // what is bounded and cut is for a part of the group
   ReyesNumbers batch_numbers_{};
   PinnedBuffer &pinned_;
   std::vector<std::unique_ptr<Event>> events_;

@@ -1,0 +1,53 @@
+// Stage 'sample' of what blends and is not a grid of tiny micropolygons. Opacity is looked up later, once for each fragment.
+#include "cuda/reyes/sample_any.h"
+#include "cuda/reyes/sample_triangles.h"
+
+namespace gpurt::cuda {
+namespace {
+
+template <Look look>
+__global__ void __launch_bounds__(block_size, 4) fragments_of_rest(const __grid_constant__ ReyesBatch b)
+{
+  sample_rest_of<look, false>(b);
+}
+
+template <Look look>
+__global__ void __launch_bounds__(block_size) fragments_of_triangles(const __grid_constant__ ReyesBatch b)
+{
+  sample_triangles_of<look, false>(b);
+}
+
+template <Look look>
+__global__ void __launch_bounds__(block_size) fragments_of_large(const __grid_constant__ ReyesBatch b)
+{
+  sample_large_of<look, false>(b);
+}
+
+}  // namespace
+
+void launch_fragments_of_rest(const ReyesBatch &batch, Look look, cudaStream_t stream)
+{
+  choose_fragment_kernel(look, [&](auto kind) {
+    launch_persistent("REYES stages 'dice' and 'sample', fragments of any micropolygons",
+                      fragments_of_rest<kind.value>, uint64_t(batch.leaf_capacity) * 32, stream, batch);
+  });
+}
+
+void launch_fragments_of_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream)
+{
+  choose_fragment_kernel(look, [&](auto kind) {
+    launch_persistent("REYES stage 'sample', fragments of triangles", fragments_of_triangles<kind.value>,
+                      uint64_t(1) << 30, stream, batch);
+  });
+}
+
+void launch_fragments_of_large(const ReyesBatch &batch, Look look, cudaStream_t stream)
+{
+  launch_count_large_tiles(batch, stream);
+  choose_fragment_kernel(look, [&](auto kind) {
+    launch_persistent("REYES stage 'sample', fragments of large triangles", fragments_of_large<kind.value>,
+                      uint64_t(1) << 30, stream, batch);
+  });
+}
+
+}  // namespace gpurt::cuda
