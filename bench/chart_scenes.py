@@ -47,9 +47,10 @@ def summary(documents, measure):
 def draw(documents, measure, path):
     """A small chart for each scene; rings are where curves cross."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
     columns = min(5, len(documents))
     rows = math.ceil(len(documents) / columns)
-    figure = Figure(figsize=(2.9 * columns, 2.5 * rows + 0.6))
+    figure = Figure(figsize=(2.9 * columns, 2.5 * rows + 0.8))
     panels = figure.subplots(rows, columns, squeeze=False).flat
     for axes, (name, document) in zip(panels, documents.items()):
         for index, setting in enumerate(document["settings"]):
@@ -59,6 +60,11 @@ def draw(documents, measure, path):
         measured = [c for c in document["crossings"][measure] if c["measured"]]
         axes.scatter([c["seconds"] for c in measured], [c["error"] for c in measured], s=70, facecolors="none",
                      edgecolors="#404040", zorder=4)
+        # A scene's times span about a decade, of which the powers of ten alone would say too little.
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_title(name, fontsize=9, loc="left")
         axes.grid(True, color="#e8e8e8", linewidth=0.6)
         axes.tick_params(labelsize=7)
@@ -67,7 +73,8 @@ def draw(documents, measure, path):
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=len(labels), fontsize=9, frameon=False)
     figure.supylabel("relMSE" if measure == "relmse" else "relMSE, trimmed", fontsize=9)
-    figure.tight_layout(rect=(0.01, 0.35 / (2.5 * rows + 0.6), 1, 1))
+    figure.supxlabel("seconds, with loading and building", fontsize=9, y=0.3 / (2.5 * rows + 0.8))
+    figure.tight_layout(rect=(0.01, 0.42 / (2.5 * rows + 0.8), 1, 1))
     figure.savefig(path, dpi=110)
 
 

@@ -1,8 +1,11 @@
 #include "frame/photon_settings.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 #include "core/photon/gather_photons.h"
@@ -129,9 +132,10 @@ float choose_initial_radius(const CommittedScene &scene, const PathSettings &pat
   const uint64_t k = uint64_t(std::min(wanted, 4096.0));
   const double scale = std::sqrt(photons_in_radius * ratio / double(k));
   const int threshold = normal_threshold(gather_min_cosine);
-  std::vector<float> radii, nearest;  // squares of the k smallest distances, as a heap
-  for (const PhotonPilot::Point &point : pilot.points) {
-    nearest.clear();
+  std::vector<float> radius_of(pilot.points.size(), -1.0f);  // below 0: fewer than k photons
+  tbb::parallel_for(size_t(0), pilot.points.size(), [&](size_t i) {
+    const PhotonPilot::Point &point = pilot.points[i];
+    std::vector<float> nearest;  // squares of the k smallest distances, as a heap
     for (const Photon &photon : pilot.photons) {
       const float distance2 = length2(photon.position - point.position);
       if (nearest.size() == k && !(distance2 < nearest.front())) continue;
@@ -143,8 +147,10 @@ float choose_initial_radius(const CommittedScene &scene, const PathSettings &pat
       nearest.push_back(distance2);
       std::push_heap(nearest.begin(), nearest.end());
     }
-    if (nearest.size() == k) radii.push_back(float(scale * std::sqrt(double(nearest.front()))));
-  }
+    if (nearest.size() == k) radius_of[i] = float(scale * std::sqrt(double(nearest.front())));
+  });
+  std::vector<float> radii;
+  std::copy_if(radius_of.begin(), radius_of.end(), std::back_inserter(radii), [](float r) { return r >= 0; });
   const double spacing = spacing_of(pilot.points);
   const float widest = spacing > 0 ? std::min(float(radius_over_spacing * spacing), largest) : largest;
   if (radii.empty()) return std::min(largest * (pilot.photons.empty() ? 0x1p-7f : 0x1p-3f), widest);
