@@ -25,8 +25,8 @@ bool box_of_points(const float *x, const float *y, const float *w, int n, const 
   constexpr int32_t around = 3;  // a pixel more than any filter's reach
   const int32_t width = int32_t(camera.width), height = int32_t(camera.height);
   if (!raster_box(x, y, w, n, uint32_t(width + 2 * around), uint32_t(height + 2 * around), box)) return false;
-  box = {clamp(box.x0 - around, 0, width - 1), clamp(box.y0 - around, 0, height - 1),
-         clamp(box.x1 - around, 0, width - 1), clamp(box.y1 - around, 0, height - 1)};
+  const auto cut = [](int32_t x, int32_t size) { return min(max(x - around, 0), size - 1); };
+  box = {cut(box.x0, width), cut(box.y0, height), cut(box.x1, width), cut(box.y1, height)};
   return true;
 }
 

@@ -201,7 +201,7 @@ class Frame:
         :param reyes: settings of the pipeline "reyes", by name: shading_rate (the area of a micropolygon in pixels),
             filter ("box", "gaussian", "mitchell"), shading ("samples", "micropolygons", "blocks"), shadows (False:
             nothing stands between a surface and a light), flatness (> 0: micropolygons may be larger where they stay
-            within so many pixels of the surface; CPU devices), fragment_slots (a study variant: of surfaces that blend
+            within so many pixels of the surface), fragment_slots (a study variant: of surfaces that blend
             a sample keeps so many; 0: all). As for photon.
 
         Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,
