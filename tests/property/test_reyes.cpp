@@ -349,6 +349,10 @@ TEST_P(Reyes, BlendsASurfaceOnce)
       size_t num_off = 0;
       for (const float c : read_color(frame, o)) num_off += std::abs(c - 0.5f) > 1e-6f;
       EXPECT_EQ(num_off, 0u) << "shading rate " << rate << ", flatness " << flatness;
+      // What is kept at a time is a part of all of them.
+      const gpurt_reyes_counters c = statistics_of(frame).reyes_counters;
+      EXPECT_GT(c.largest_fragments, 0u);
+      EXPECT_LE(c.largest_fragments, c.num_fragments);
     }
   }
 }

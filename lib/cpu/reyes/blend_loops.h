@@ -97,6 +97,7 @@ class BlendedBucket {
       return;
     }
     begin(bucket, num_samples);
+    counters_.largest_fragments = max(counters_.largest_fragments, min(total, uint64_t(blend_.capacity)));
     if (total <= blend_.capacity) {
       uint32_t sum = 0;
       for (uint32_t k = 0; k < num_samples; ++k) {

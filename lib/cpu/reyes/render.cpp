@@ -153,6 +153,7 @@ RenderCounters counters_from(const ReyesKernelCounters &k, uint64_t num_samples)
   r.num_fragments = k.num_fragments;
   r.num_shaded = k.num_shaded;
   r.largest_queue = k.largest_queue;
+  r.largest_fragments = k.largest_fragments;
   r.split_seconds = k.split_seconds;
   r.dice_seconds = k.dice_seconds;
   r.sample_seconds = k.sample_seconds;

@@ -72,7 +72,7 @@ constexpr uint32_t smallest_blend_edge = 8;
 // What a thread spent and did.
 struct ReyesKernelCounters {
   uint64_t num_patches, num_triangles, num_splits, num_culled, num_grids, num_micropolygons, num_fragments,
-      num_shaded, largest_queue;
+      num_shaded, largest_queue, largest_fragments;
   double split_seconds, dice_seconds, sample_seconds;
   PathKernelCounters path;  // of shading
 };

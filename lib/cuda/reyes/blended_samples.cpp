@@ -106,6 +106,7 @@ bool BlendedSamples::run(const WorkUnit &group, const PathSettings &settings, Vi
   launch_sum_fragments(view, first_, num_samples, scan_memory_, scan_bytes_, eye.numbers, stream);
   const uint64_t total = visible.read_numbers(stream).part_fragments;
   if (total <= capacity_) {
+    counters.largest_fragments = std::max(counters.largest_fragments, total);
     if (!blend(part, view)) return false;
   } else {
     for (uint32_t begin = 0; begin != num_samples; begin = view.end) {
@@ -121,6 +122,7 @@ bool BlendedSamples::run(const WorkUnit &group, const PathSettings &settings, Vi
              "a sample sees {} surfaces that blend, and there is room for {}; raise the memory limit",
              found.part_fragments, capacity_);
       }
+      counters.largest_fragments = std::max<uint64_t>(counters.largest_fragments, found.part_fragments);
       if (!blend(part, view)) return false;
     }
   }
