@@ -72,6 +72,7 @@ def case_wrong_usage():
     refused(2, "--accel requires --build", "info", cornell, "--accel", "kdtree")
     refused(2, "--device", "render", cornell, "-o", "a.png", "--device", "tpu")
     refused(2, "--pipeline", "render", cornell, "-o", "a.png", "--pipeline", "raster")
+    refused(2, '--patch-pixels: "-1" is not a number from 0 on', "render", cornell, "--patch-pixels", "-1")
     refused(2, "--patch-height requires --patch-pixels", "trace", cornell, "--rays", "rays.bin", "-o", "hits.bin",
             "--patch-height", 64)
     refused(2, "--fragment-slots", "render", cornell, "-o", "a.png", "--pipeline", "reyes", "--fragment-slots", 65)

@@ -5,6 +5,7 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 
@@ -112,6 +113,17 @@ void print_message(void *, gpurt_log_level level, const char *message)
     fmt::print(stderr, "gpurt: {}: {}\n", level == GPURT_LOG_ERROR ? "error" : "warning", message);
 }
 
+// CLI11's own tells the range with all digits of the largest double.
+const CLI::Validator not_negative(
+    [](const std::string &text) {
+      char *end = nullptr;
+      const double value = std::strtod(text.c_str(), &end);
+      return end != text.c_str() && *end == '\0' && value >= 0 && std::isfinite(value)
+                 ? std::string()
+                 : "\"" + text + "\" is not a number from 0 on";
+    },
+    "", "not_negative");
+
 }  // namespace
 
 void DeviceOptions::add_to(CLI::App &command)
@@ -169,7 +181,7 @@ void PhotonOptions::add_to(CLI::App &command)
       ->capture_default_str();
   command
       .add_option("--radius", radius, "photon mapping: radius of the first pass in metres; 0: from the scene")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative)
       ->type_name("R")
       ->capture_default_str();
   command
@@ -243,7 +255,7 @@ void BuildOptions::add_to(CLI::App &command, bool has_picture)
           .add_option(
               "--patch-pixels", patch_pixels,
               "the same in pixels of a camera's picture: fewer triangles further away; 0: no such bound")
-          ->check(CLI::NonNegativeNumber)
+          ->check(not_negative)
           ->type_name("PIXELS");
   command
       .add_option("--tree-cache", tree_cache,
