@@ -44,6 +44,7 @@ void MultiScene::render(const RenderPass &pass) const
     part.outputs = pass.outputs;
     part.schedule = pass.schedule;
     part.reyes = pass.reyes;
+    part.reyes_schedule = pass.reyes_schedule;
     part.cancelled = pass.cancelled;
     part.deliver = [&](const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters) {
       has_begun = true;

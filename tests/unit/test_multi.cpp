@@ -1,10 +1,13 @@
 // Several devices that work as one: the same image and hits as one of them, whatever the share of each; failures that name
 // their device; memory that adds up. Devices are CPUs, or fakes that are slow, short of memory or broken.
+#include <numeric>
+
 #include "accel_test.h"
 #include "cpu/factory.h"
 #include "frame/outputs.h"
 #include "multi/multi_backend.h"
 #include "multi/shared_work.h"
+#include "scene/validate.h"
 #include "test_frame_fake.h"
 
 namespace gpurt_test {
@@ -64,8 +67,17 @@ class CountedScene : public CommittedScene {
   const AccelFacts &accel_facts() const override { return fake.facts; }
   HostKdTree export_tree(uint32_t) const override { return {}; }
   void trace(const TraceRequest &request) const override { num_rays += request.num_rays; }
+  void require_reyes() const override {}
+  ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &) const override
+  {
+    return {asked.launch, asked.traversal};
+  }
   void render(const RenderPass &pass) const override
   {
+    if (pass.reyes != nullptr && pass.reyes->shading_rate == 2 &&
+        pass.reyes_schedule.split == Launch::Rounds && pass.reyes_schedule.stages == Traversal::Uber) {
+      num_reyes_passes++;
+    }
     if (num_at_once++ > 0 && is_tight) {
       num_at_once--;
       num_refused++;
@@ -91,7 +103,7 @@ class CountedScene : public CommittedScene {
 
   FakeScene fake;
   bool is_tight = false, draws_itself = false;
-  mutable std::atomic<int> num_units{0}, num_at_once{0}, num_refused{0}, num_drawn{0};
+  mutable std::atomic<int> num_units{0}, num_at_once{0}, num_refused{0}, num_drawn{0}, num_reyes_passes{0};
   mutable std::atomic<uint64_t> num_rays{0};
 };
 
@@ -259,6 +271,26 @@ TEST(SeveralDevices, ShareOutPassesOfPhotonMapping)
   EXPECT_EQ(three.committed->most_photon_passes(), 3u);
 }
 
+// Settings and schedule reach every device with its units.
+TEST(SeveralDevices, ShareOutReyes)
+{
+  const FakeDevices one({0}), three({0, 3, 1});
+  const auto a = one.make_frame(123, 77), b = three.make_frame(123, 77);
+  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+  desc.pipeline = GPURT_PIPELINE_REYES;
+  desc.samples_per_pixel = 8;
+  desc.tile_size = 16;
+  desc.reyes.shading_rate = 2;
+  desc.schedule.launch = GPURT_LAUNCH_ROUNDS;
+  desc.schedule.traversal = GPURT_TRAVERSAL_UBER;
+  for (const auto &frame : {a, b}) Job::submit(frame, desc, {})->wait(GPURT_WAIT_FOREVER);
+  EXPECT_EQ(read_all(*a), read_all(*b));
+  for (const auto &scene : three.scenes) {
+    EXPECT_GT(scene->num_units, 0);
+    EXPECT_EQ(scene->num_reyes_passes, int(scene->fake.num_passes));
+  }
+}
+
 TEST(SeveralDevices, StopWhenCancelled)
 {
   const FakeDevices two({20, 20});
@@ -400,6 +432,70 @@ TEST_F(TwoCpus, FindAllHitsOfOne)
     EXPECT_TRUE(contains(message_of([&] { two_scene_->trace(request); }, GPURT_ERROR_INVALID_ARGUMENT),
                          std::to_string(num_hits) + " hits"));
     EXPECT_EQ(a, b) << "offsets tell how large";
+  }
+}
+
+// Patches, one of which blends, a mesh and a light: by REYES, with light of samples and of micropolygons.
+TEST_F(TwoCpus, RenderReyesToTheBitsOfOne)
+{
+  SceneData data;
+  MaterialSettings pane;
+  pane.alpha = 0.5f;
+  pane.blends = true;
+  const uint32_t panes = add_material(data, pane);
+  const auto add_bowl = [&](uint32_t material, float z) {
+    std::vector<Vec3f> points;
+    for (int k = 0; k < 16; ++k) {
+      const float x = float(k % 4) / 1.5f - 1, y = float(k / 4) / 1.5f - 1;
+      points.push_back({x, y, z + 0.5f * (x * x + y * y)});
+    }
+    GeometryData geometry;
+    geometry.kind = GeometryKind::Patches;
+    geometry.material = material;
+    geometry.patches.control_points = SharedArray<Vec3f>(std::move(points));
+    data.geometries.push_back(std::move(geometry));
+  };
+  add_bowl(0, 0);
+  add_bowl(panes, 0.4f);
+  GeometryData floor;
+  floor.mesh.vertices = SharedArray<Vec3f>({{-9, -9, -1}, {9, -9, -1}, {0, 9, -1}});
+  floor.mesh.indices = SharedArray<UInt3>({{0, 1, 2}});
+  data.geometries.push_back(std::move(floor));
+  const Transform identity{{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
+  for (uint32_t i = 0; i < 3; ++i)
+    data.instances.push_back({i, identity, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}});
+  data.lights.push_back({LightType::Point, {9, 9, 9}, {2, 2, 4}, {0, 0, -1}, 0, 0});
+  data.cameras.push_back({{{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 4}}}, 0.6f, 0, 0});
+  const auto with_panes = std::make_shared<CompiledScene>(compile_scene(data, 0));
+  data.instances.erase(data.instances.begin() + 1);
+  const auto opaque = std::make_shared<CompiledScene>(compile_scene(data, 0));
+  BuildOptions build;
+  build.accel = Accel::Bvh;
+  for (const auto shading : {GPURT_REYES_SHADING_SAMPLES, GPURT_REYES_SHADING_MICROPOLYGONS}) {
+    const auto &compiled = shading == GPURT_REYES_SHADING_SAMPLES ? with_panes : opaque;
+    std::vector<std::vector<std::vector<uint32_t>>> images;
+    std::vector<uint64_t> num_fragments;
+    for (Backend *device : {static_cast<Backend *>(&backend()), two_.get()}) {
+      gpurt_frame_desc desc = GPURT_FRAME_DESC_INIT;
+      desc.width = desc.height = 90;
+      desc.outputs = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA;
+      const auto frame =
+          std::make_shared<Frame>(FrameScene{device->commit(compiled, build), compiled, device->memory(),
+                                             device->info().num_threads, 0.0},
+                                  desc);
+      gpurt_render_desc render = GPURT_RENDER_DESC_INIT;
+      render.pipeline = GPURT_PIPELINE_REYES;
+      render.samples_per_pixel = 9;
+      render.tile_size = 64;
+      render.reyes.shading = shading;
+      Job::submit(frame, render, {})->wait(GPURT_WAIT_FOREVER);
+      images.push_back(read_all(*frame));
+      num_fragments.push_back(statistics(*frame).reyes_counters.num_fragments);
+      const auto color = read<float>(*frame, GPURT_OUTPUT_COLOR);
+      EXPECT_GT(std::accumulate(color.begin(), color.end(), 0.0), 90 * 90 * 0.05);
+    }
+    EXPECT_EQ(images[0], images[1]);
+    EXPECT_EQ(num_fragments[0], num_fragments[1]);
   }
 }
 
