@@ -58,7 +58,7 @@ GPURT_HD inline void make_filter_table(ReyesFilter filter, FilterTable &t)
   float absolute = 0.0f, plain = 0.0f;
   t.cumulative[0] = 0.0f;
   for (uint32_t i = 0; i < filter_table_size; ++i) {
-    // The mean over a step, by its middle; steps end where Mitchell's sign changes, at 1.
+    // The mean over a step, by its middle, also of the two in which Mitchell's sign changes, at 8/7.
     const float x = (2.0f * (float(i) + 0.5f) / float(filter_table_size) - 1.0f) * t.radius;
     const float f = is_mitchell ? mitchell(x) : gaussian(x);
     absolute += abs(f);

@@ -1,0 +1,275 @@
+// REYES' shared mathematics: filters against their integrals, and bounds of pieces of patches against the points of these.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "core/reyes/filter.h"
+#include "core/reyes/split.h"
+
+namespace gpurt {
+namespace {
+
+// Of one axis: sum of the weights, and of the places times them, over places that are even in [0, 1).
+struct Moments {
+  double mean = 0, first = 0, second = 0;
+};
+
+constexpr int num_places = 1 << 16;
+
+Moments moments_of(ReyesFilter filter)
+{
+  FilterTable table;
+  make_filter_table(filter, table);
+  Moments m;
+  for (int i = 0; i < num_places; ++i) {
+    float weight = 1.0f;
+    const float x =
+        filter_place(table, filter == ReyesFilter::Mitchell, (float(i) + 0.5f) / num_places, weight);
+    m.mean += double(weight) / num_places;
+    m.first += double(weight) * double(x) / num_places;
+    m.second += double(weight) * double(x) * double(x) / num_places;
+  }
+  return m;
+}
+
+// The integral over [-1.5, 1.5] of exp(-2 x^2) - exp(-4.5), and that of x^2 times it.
+struct GaussianIntegrals {
+  static constexpr double radius = 1.5;
+  double plain, second;
+
+  GaussianIntegrals()
+  {
+    const double rim = std::exp(-2 * radius * radius);
+    const double bell = std::sqrt(M_PI / 2) * std::erf(radius * std::sqrt(2.0));
+    plain = bell - 2 * radius * rim;
+    second = bell / 4 - radius / 2 * rim - 2 * radius * radius * radius / 3 * rim;
+  }
+};
+
+TEST(ReyesFilters, HaveTheMomentsOfTheirIntegrals)
+{
+  const Moments gaussian_moments = moments_of(ReyesFilter::Gaussian),
+                mitchell_moments = moments_of(ReyesFilter::Mitchell);
+  for (const Moments &m : {gaussian_moments, mitchell_moments}) {
+    EXPECT_NEAR(m.mean, 1, 1e-4);
+    EXPECT_NEAR(m.first, 0, 1e-5);
+  }
+  // Mitchell and Netravali: cubics with B + 2 C = 1 have the second moment B / 3.
+  EXPECT_NEAR(mitchell_moments.second, 1.0 / 9, 1e-3);
+  // The bell is a product, within 2 % of the exponential function.
+  const GaussianIntegrals g;
+  EXPECT_NEAR(gaussian_moments.second / (g.second / g.plain), 1, 0.02);
+}
+
+// Places lie in proportion to |f|: as many below x as its integral says.
+TEST(ReyesFilters, PutPlacesInProportion)
+{
+  for (const ReyesFilter filter : {ReyesFilter::Gaussian, ReyesFilter::Mitchell}) {
+    const bool is_mitchell = filter == ReyesFilter::Mitchell;
+    FilterTable table;
+    make_filter_table(filter, table);
+    const auto density = [&](double x) {
+      x = std::abs(x);
+      if (!is_mitchell) return x < 1.5 ? std::exp(-2 * x * x) - std::exp(-4.5) : 0.0;
+      constexpr double b = 1.0 / 3, c = 1.0 / 3;
+      if (x < 1) return ((12 - 9 * b - 6 * c) * x * x * x + (-18 + 12 * b + 6 * c) * x * x + (6 - 2 * b)) / 6;
+      if (x < 2)
+        return ((-b - 6 * c) * x * x * x + (6 * b + 30 * c) * x * x + (-12 * b - 48 * c) * x +
+                (8 * b + 24 * c)) /
+               6;
+      return 0.0;
+    };
+    const int steps = 4000;
+    const double radius = is_mitchell ? 2 : 1.5, step = 2 * radius / steps;
+    double all = 0;
+    for (int i = 0; i < steps; ++i) all += std::abs(density((i + 0.5) * step - radius)) * step;
+    std::vector<float> places, weights;
+    for (int i = 0; i < num_places; ++i) {
+      float weight = 1.0f;
+      places.push_back(filter_place(table, is_mitchell, (float(i) + 0.5f) / num_places, weight));
+      weights.push_back(weight);
+    }
+    EXPECT_TRUE(std::is_sorted(places.begin(), places.end()));
+    double below = 0;
+    for (int i = 0; i < steps; ++i) {
+      below += std::abs(density((i + 0.5) * step - radius)) * step / all;
+      const double x = (i + 1) * step - radius;
+      const auto at = std::upper_bound(places.begin(), places.end(), float(x));
+      EXPECT_NEAR(double(at - places.begin()) / num_places, below, is_mitchell ? 1e-3 : 4e-3) << x;
+    }
+    // The weight has the sign of f, which changes at 8/7, to a step of the table.
+    for (size_t i = 0; i < places.size(); ++i) {
+      if (std::abs(std::abs(places[i]) - 8.0f / 7) < 1.0f / 16) continue;
+      EXPECT_EQ(weights[i] < 0, is_mitchell && std::abs(places[i]) > 1.1f) << places[i];
+    }
+  }
+}
+
+TEST(ReyesFilters, ReachAsFarAsTheySay)
+{
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> unit(0.0f, 1.0f);
+  for (const ReyesFilter filter : {ReyesFilter::Box, ReyesFilter::Gaussian, ReyesFilter::Mitchell}) {
+    FilterTable table;
+    make_filter_table(filter, table);
+    const float reach = float(filter_reach(filter));
+    float lowest = 1, highest = 0;
+    for (int i = 0; i < 20000; ++i) {
+      const float last = std::nextafter(1.0f, 0.0f);
+      const Vec2f u{i == 0 ? 0.0f : std::min(unit(random), last),
+                    i == 1 ? last : std::min(unit(random), last)};
+      const FilteredPlace p = place_sample(filter, table, u);
+      for (const float x : {p.offset.x, p.offset.y}) {
+        lowest = std::min(lowest, x);
+        highest = std::max(highest, x);
+      }
+      if (filter == ReyesFilter::Box) {
+        EXPECT_EQ(p.offset.x, u.x);
+        EXPECT_EQ(p.offset.y, u.y);
+        EXPECT_EQ(p.weight, 1.0f);
+      }
+    }
+    EXPECT_GE(lowest, -reach);
+    EXPECT_LT(highest, 1 + reach);
+    if (reach > 0) EXPECT_LT(lowest, 1 - reach);
+  }
+}
+
+class Pieces : public testing::Test {
+ protected:
+  float uniform(float lo, float hi) { return std::uniform_real_distribution<float>(lo, hi)(random_); }
+
+  // In pixels from the image's centre; through the eye plane where `depth` is less than its variation.
+  RasterPatch random_patch(float depth)
+  {
+    RasterPatch patch;
+    const float scale = uniform(20, 400), ox = uniform(-300, 300), oy = uniform(-300, 300);
+    for (int k = 0; k < 16; ++k) {
+      patch.w[k] = depth + uniform(-1, 1);
+      patch.x[k] = scale * (float(k % 4) - 1.5f + uniform(-1, 1)) + ox * depth;
+      patch.y[k] = scale * (float(k / 4) - 1.5f + uniform(-1, 1)) + oy * depth;
+    }
+    return patch;
+  }
+
+  // A piece that cuts at random leave, with edges that are decided or open.
+  Piece random_piece(const RasterPatch &patch, const DiceSettings &dice)
+  {
+    Piece p = whole_patch();
+    for (uint32_t depth = random_() % 12; depth > 0; --depth) {
+      if (random_() % 2 == 0) {
+        for (uint32_t e = 0; e < 4; ++e) {
+          if (p.edge[e] == open_edge) p.edge[e] = decide_edge_of(patch, p, e, dice);
+        }
+      }
+      const PieceAction actions[] = {PieceAction::SplitU, PieceAction::SplitV, PieceAction::SplitBoth};
+      const PieceAction action = actions[random_() % 3];
+      if (p.u_bits <= smallest_piece_bits + 1 || p.v_bits <= smallest_piece_bits + 1) break;
+      Piece parts[4];
+      const uint32_t n = split_piece(p, action, parts);
+      p = parts[random_() % n];
+    }
+    return p;
+  }
+
+  static RasterPatch part_of(const RasterPatch &patch, const Piece &p)
+  {
+    RasterPatch part;
+    const float u0 = parameter(p.u), u1 = parameter(p.u + (1u << p.u_bits));
+    const float v0 = parameter(p.v), v1 = parameter(p.v + (1u << p.v_bits));
+    sub_patch(patch.x, u0, u1, v0, v1, part.x);
+    sub_patch(patch.y, u0, u1, v0, v1, part.y);
+    sub_patch(patch.w, u0, u1, v0, v1, part.w);
+    return part;
+  }
+
+  std::mt19937 random_{11};
+};
+
+// Wherever a point of a piece is on the image, also its moved corners, a rectangle there sees the piece: what is culled has no
+// point in it.
+TEST_F(Pieces, AreSeenWhereTheirPointsAre)
+{
+  const DiceSettings dice{2.0f, 256.0f, 256.0f};
+  uint64_t num_seen = 0, num_moved = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const RasterPatch patch = random_patch(i % 3 == 0 ? uniform(-0.5f, 0.9f) : uniform(1.5f, 20));
+    const RasterPoint largest = largest_coordinates(patch.x, patch.y, patch.w, 16);
+    const Piece piece = random_piece(patch, dice);
+    const RasterPatch part = part_of(patch, piece);
+    for (int k = 0; k < 40; ++k) {
+      // A vertex that its grid may have: within the range, at its ends too, or a corner.
+      uint32_t u = piece.u + (random_() & ((1u << piece.u_bits) - 1)),
+               v = piece.v + (random_() & ((1u << piece.v_bits) - 1));
+      if (k < 4) {
+        u = piece.corner_u[k];
+        v = piece.corner_v[k];
+        num_moved += u != piece.u + (k & 1 ? 1u << piece.u_bits : 0) ||
+                     v != piece.v + (k & 2 ? 1u << piece.v_bits : 0);
+      } else if (k < 8) u = piece.u + (k & 1 ? 1u << piece.u_bits : 0);
+      const RasterPoint q = patch_point(patch, u, v);
+      if (!(q.w >= smallest_w)) continue;
+      const float x = q.x / q.w, y = q.y / q.w;
+      if (!(std::abs(x) < 1e6f && std::abs(y) < 1e6f)) continue;
+      ++num_seen;
+      // It lies in the rectangle, or on its rim.
+      const float left = k % 2 == 0 ? x : x - uniform(0, 3), top = k % 3 == 0 ? y : y - uniform(0, 3);
+      const RasterRect rect{left, top, std::max(x, left + uniform(0, 3)), std::max(y, top + uniform(0, 3))};
+      ASSERT_TRUE(can_be_seen(patch, part, piece, largest, rect))
+          << "patch " << i << ", u " << parameter(u) << ", v " << parameter(v) << ", at " << x << ' ' << y;
+    }
+  }
+  EXPECT_GT(num_seen, 50000u);
+  EXPECT_GT(num_moved, 500u);
+}
+
+// And most rectangles that no point is in do not see it: the bound says something.
+TEST_F(Pieces, AreNotSeenFarFromTheirPoints)
+{
+  const DiceSettings dice{2.0f, 256.0f, 256.0f};
+  uint64_t num_seen = 0, num_beside = 0;
+  for (int i = 0; i < 300; ++i) {
+    const RasterPatch patch = random_patch(uniform(3, 20));
+    const Piece piece = random_piece(patch, dice);
+    const RasterPatch part = part_of(patch, piece);
+    const ProjectedHull hull = projected_hull(part.x, part.y, part.w, 16);
+    const RasterPoint largest = largest_coordinates(patch.x, patch.y, patch.w, 16);
+    const float x = hull.x + 3 * hull.half_x + 1, y = hull.y - 3 * hull.half_y - 1;
+    num_seen += can_be_seen(part.x, part.y, part.w, 16, largest, {x, y - 1, x + 1, y});
+    ++num_beside;
+  }
+  EXPECT_EQ(num_seen, 0u) << "of " << num_beside;
+}
+
+// The pixels of a root's box hold every point of it that is on the image.
+TEST_F(Pieces, OfRootsLieInTheirBoxes)
+{
+  constexpr uint32_t width = 300, height = 200;
+  uint64_t num_inside = 0, num_small = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const RasterPatch patch = random_patch(i % 3 == 0 ? uniform(-0.5f, 0.9f) : uniform(1.5f, 20));
+    RasterBox box;
+    const bool is_there = raster_box(patch.x, patch.y, patch.w, 16, width, height, box);
+    num_small += !is_there || box.x1 - box.x0 + 1 < int32_t(width) / 2;
+    for (int k = 0; k < 40; ++k) {
+      const RasterPoint q =
+          patch_point(patch, random_() % (parameter_one + 1), random_() % (parameter_one + 1));
+      if (!(q.w >= smallest_w)) continue;
+      const float x = q.x / q.w + 0.5f * width, y = q.y / q.w + 0.5f * height;
+      if (!(x >= 0 && y >= 0 && x < width && y < height)) continue;
+      ++num_inside;
+      ASSERT_TRUE(is_there) << "patch " << i << " at " << x << ' ' << y;
+      ASSERT_TRUE(int32_t(x) >= box.x0 && int32_t(x) <= box.x1 && int32_t(y) >= box.y0 &&
+                  int32_t(y) <= box.y1)
+          << "patch " << i << " at " << x << ' ' << y;
+    }
+  }
+  EXPECT_GT(num_inside, 3000u);
+  EXPECT_GT(num_small, 200u);
+}
+
+}  // namespace
+}  // namespace gpurt
