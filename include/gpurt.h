@@ -897,6 +897,21 @@ typedef struct gpurt_photon_map_desc {
 #define GPURT_PHOTON_MAP_DESC_INIT \
   {sizeof(gpurt_photon_map_desc), GPURT_STORAGE_HOST, 0, NULL, NULL, NULL, 0, 0}
 
+/* Photons of a scene, as GPURT_PIPELINE_PHOTON traces and keeps them. */
+typedef struct gpurt_photon_trace_desc {
+  uint32_t struct_size; /* set by GPURT_PHOTON_TRACE_DESC_INIT */
+  uint32_t num_paths;   /* photons that leave the lights; 0: 1048576 */
+  uint64_t seed;
+  /* Which of the passes of a frame. With the frame's seed and frame_index, its max_depth, and num_paths its
+   * photons_per_pass, the map holds the photons that the frame's sample of this index gathers. Below 2^64 - 1. */
+  uint64_t pass;
+  uint32_t frame_index;
+  uint32_t max_depth;  /* vertices of a path from the eye, as of gpurt_render_desc; 0: 17; at most 255 */
+  float radius;        /* as in gpurt_photon_map_desc */
+  uint32_t num_levels; /* as in gpurt_photon_map_desc */
+} gpurt_photon_trace_desc;
+#define GPURT_PHOTON_TRACE_DESC_INIT {sizeof(gpurt_photon_trace_desc), 0, 0, 0, 0, 0, 0, 0}
+
 /** Builds a map of the caller's points. It keeps the device alive.
  *
  *  With a device of several, the map lies on the first one.
@@ -905,6 +920,26 @@ typedef struct gpurt_photon_map_desc {
  */
 GPURT_API gpurt_result gpurt_photon_map_create(gpurt_device device, const gpurt_photon_map_desc *desc,
                                                gpurt_photon_map *out_map);
+
+/** Traces photons from the lights of a scene's last commit, and builds a map of them on its device, where they stay.
+ *
+ *  The points are those that photon mapping keeps: where a photon comes to a diffuse surface or to metal of alpha
+ *  0.35 (roughness squared) or more, but for the first surface after the light, whose light is direct, and for
+ *  surfaces that no path of max_depth vertices sees. With max_depth 2 there are none. They are sorted by path, and
+ *  along each path; they have the direction of flight, the surface's normal on the side that the photon came to, and a
+ *  flux in watts of each colour: a sum over a disc divided by its area is irradiance, and sums are in proportion to
+ *  1 / num_paths already. The same points on every device and for any number of threads. The map does not keep the
+ *  scene.
+ *
+ *  @param desc  NULL: defaults.
+ *
+ *  Errors: INVALID_ARGUMENT, also for a scene that was never committed or where nothing shines; OUT_OF_MEMORY where
+ *  the photons do not fit into the device's memory or its limit: fewer num_paths take less; DEVICE.
+ *  Threads: any number of calls at a time.
+ *  Source: Jensen 1996.
+ */
+GPURT_API gpurt_result gpurt_photon_map_trace(gpurt_scene scene, const gpurt_photon_trace_desc *desc,
+                                              gpurt_photon_map *out_map);
 GPURT_API gpurt_result gpurt_photon_map_retain(gpurt_photon_map map);
 GPURT_API gpurt_result gpurt_photon_map_release(gpurt_photon_map map);
 
@@ -918,13 +953,35 @@ typedef struct gpurt_photon_map_info {
   uint32_t has_normals;
   uint32_t fullest_cell; /* points of the fullest entry of the finest grid's table */
   uint64_t memory_bytes;
-  double build_seconds; /* on a CUDA device: of the device, without copies from the host */
+  double build_seconds;    /* on a CUDA device: of the device, without copies from the host */
+  uint32_t has_directions; /* of flight: points of gpurt_photon_map_trace have them */
+  uint32_t num_paths;      /* photons that left the lights for it; 0: the points are the caller's */
 } gpurt_photon_map_info;
 #define GPURT_PHOTON_MAP_INFO_INIT \
-  {sizeof(gpurt_photon_map_info), 0, 0, {{0, 0, 0}, {0, 0, 0}}, 0, 0, 0, 0, 0, 0}
+  {sizeof(gpurt_photon_map_info), 0, 0, {{0, 0, 0}, {0, 0, 0}}, 0, 0, 0, 0, 0, 0, 0, 0}
 
 /** Reads what a map is. */
 GPURT_API gpurt_result gpurt_photon_map_get_info(gpurt_photon_map map, gpurt_photon_map_info *out_info);
+
+/* What a map keeps of each point: float32 [num_points][3], in the order of ids. */
+typedef enum gpurt_photon_attribute {
+  GPURT_PHOTON_ATTRIBUTE_POSITION = 0,
+  GPURT_PHOTON_ATTRIBUTE_FLUX = 1,      /* as it counts in sums */
+  GPURT_PHOTON_ATTRIBUTE_NORMAL = 2,    /* in steps of 1/127, of about unit length, or 0 */
+  GPURT_PHOTON_ATTRIBUTE_DIRECTION = 3, /* of flight, unit length */
+  GPURT_PHOTON_ATTRIBUTE_FORCE32 = 0x7fffffff
+} gpurt_photon_attribute;
+
+/** Copies what a map keeps of its points to host memory.
+ *
+ *  @param data        float32 [num_points][3].
+ *  @param size_bytes  Its size: 12 bytes a point.
+ *
+ *  Errors: INVALID_ARGUMENT for another size, and for what the map was made without; OUT_OF_MEMORY; DEVICE.
+ *  Threads: any number of calls at a time.
+ */
+GPURT_API gpurt_result gpurt_photon_map_read(gpurt_photon_map map, gpurt_photon_attribute attribute,
+                                             void *data, uint64_t size_bytes);
 
 /** Writes a map to a file, under a temporary name that is then changed. Errors: IO; OUT_OF_MEMORY. */
 GPURT_API gpurt_result gpurt_photon_map_save(gpurt_photon_map map, const char *path);

@@ -227,6 +227,8 @@ class Frame : public Handle<gpurt_frame, gpurt_frame_retain, gpurt_frame_release
   }
 };
 
+class PhotonMap;
+
 class Scene : public Handle<gpurt_scene, gpurt_scene_retain, gpurt_scene_release> {
  public:
   Scene() = default;
@@ -333,6 +335,10 @@ class Scene : public Handle<gpurt_scene, gpurt_scene_retain, gpurt_scene_release
   }
   void locate(const gpurt_locate_desc &desc) const { check(gpurt_scene_locate(get(), &desc)); }
 
+  /// Photons from the lights to a map on the scene's device: see gpurt_photon_map_trace.
+  PhotonMap trace_photons(const gpurt_photon_trace_desc &desc) const;
+  PhotonMap trace_photons(uint32_t num_paths = 0, uint64_t seed = 0) const;
+
   Frame frame(const gpurt_frame_desc &desc) const
   {
     gpurt_frame f = nullptr;
@@ -419,6 +425,13 @@ class PhotonMap : public Handle<gpurt_photon_map, gpurt_photon_map_retain, gpurt
     return i;
   }
   void save(const std::string &path) const { check(gpurt_photon_map_save(get(), path.c_str())); }
+  /// What the map keeps of its points, three values a point.
+  std::vector<float> read(gpurt_photon_attribute attribute) const
+  {
+    std::vector<float> values(3 * info().num_points);
+    check(gpurt_photon_map_read(get(), attribute, values.data(), values.size() * sizeof(float)));
+    return values;
+  }
 
   /// How many points are within the radius of each place.
   std::vector<uint32_t> count(const std::vector<float> &places, float radius) const
@@ -501,6 +514,20 @@ class PhotonMap : public Handle<gpurt_photon_map, gpurt_photon_map_retain, gpurt
     return desc;
   }
 };
+
+inline PhotonMap Scene::trace_photons(const gpurt_photon_trace_desc &desc) const
+{
+  gpurt_photon_map m = nullptr;
+  check(gpurt_photon_map_trace(get(), &desc, &m));
+  return PhotonMap(m);
+}
+inline PhotonMap Scene::trace_photons(uint32_t num_paths, uint64_t seed) const
+{
+  gpurt_photon_trace_desc desc = GPURT_PHOTON_TRACE_DESC_INIT;
+  desc.num_paths = num_paths;
+  desc.seed = seed;
+  return trace_photons(desc);
+}
 
 class Device : public Handle<gpurt_device, gpurt_device_retain, gpurt_device_release> {
  public:

@@ -152,6 +152,7 @@ struct PhotonPilot {
   };
   std::vector<Photon> photons;
   std::vector<Point> points;
+  Reservation photon_bytes;  // of photons, where they count as the device's memory
 };
 
 /// One pass: units in any order, on all workers of the backend.
@@ -174,6 +175,9 @@ struct RenderPass {
   std::function<void(const WorkUnit &, const TileFilm &, const RenderCounters &)> deliver;
 };
 
+class PhotonMap;  // photon_maps.h
+struct ScenePhotonRequest;
+
 /// An immutable scene, ready to trace. Used from any thread.
 class CommittedScene {
  public:
@@ -191,6 +195,11 @@ class CommittedScene {
   /// every device. Throws UNSUPPORTED, OUT_OF_MEMORY.
   virtual PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission,
                                    uint32_t num_photons, uint32_t points_per_axis) const;
+  /// A map of the photons of a pass on the scene's device, sorted by (path, bounce); of `settings` the seed, the frame and
+  /// the depth count. The same photons on every device. Throws UNSUPPORTED, OUT_OF_MEMORY.
+  virtual std::shared_ptr<const PhotonMap> photon_map(const PathSettings &settings,
+                                                      const EmissionView &emission,
+                                                      const ScenePhotonRequest &request) const;
   /// Throws UNSUPPORTED where the device has no REYES.
   virtual void require_reyes() const;
   /// How REYES cuts patches and goes through its stages, with values for what was left to the library. Throws UNSUPPORTED.
@@ -227,6 +236,13 @@ inline PhotonPilot CommittedScene::photon_pilot(const PathSettings &, const Emis
 {
   require_photons();
   return {};
+}
+
+inline std::shared_ptr<const PhotonMap> CommittedScene::photon_map(const PathSettings &, const EmissionView &,
+                                                                   const ScenePhotonRequest &) const
+{
+  require_photons();
+  return nullptr;
 }
 
 inline void CommittedScene::require_reyes() const

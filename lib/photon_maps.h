@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include "core/photon/emission.h"
 #include "core/photon/map_query.h"
 #include "core/photon/photon_source.h"
 #include "error.h"
@@ -19,7 +20,37 @@ struct PhotonMapRequest {
   bool has_fluxes = false, has_normals = false;
   float radius = 0;  // 0: chosen
   uint32_t num_levels = 1;
+  float flux_scale = 1;  // what sums of fluxes are multiplied with
+  uint32_t num_paths =
+      0;  // photon paths that the points are of; 0: points of the caller's, without directions
 };
+
+/// Photons of a scene for a map: those of one pass of photon mapping.
+struct ScenePhotonRequest {
+  uint32_t num_paths;
+  uint64_t pass;
+  float radius;  // 0: chosen
+  uint32_t num_levels;
+};
+
+/// What the photons of a scene become a map with. Throws where a map cannot hold them.
+inline PhotonMapRequest map_request(const ScenePhotonRequest &asked, const EmissionView &emission,
+                                    const Photon *records, uint64_t num_photons)
+{
+  if (num_photons > max_photons) {
+    fail(GPURT_ERROR_OUT_OF_MEMORY,
+         "{} paths leave {} photons, and a map holds at most {}; emit fewer num_paths", asked.num_paths,
+         num_photons, max_photons);
+  }
+  PhotonMapRequest request;
+  request.source = {records, nullptr, nullptr, nullptr, num_photons};
+  request.has_fluxes = request.has_normals = true;
+  request.radius = asked.radius;
+  request.num_levels = asked.num_levels;
+  request.flux_scale = float(double(emission.total_weight) / asked.num_paths);
+  request.num_paths = asked.num_paths;
+  return request;
+}
 
 struct PhotonMapFacts {
   uint64_t num_points = 0;
@@ -30,7 +61,24 @@ struct PhotonMapFacts {
   uint32_t fullest_cell = 0;
   uint64_t bytes = 0;
   double build_seconds = 0;
+  float flux_scale = 1;
+  uint32_t num_paths = 0;
 };
+
+/// What follows from the request and the points' bounds alone.
+inline PhotonMapFacts facts_of(const PhotonMapRequest &request, const Box &bounds)
+{
+  PhotonMapFacts facts;
+  facts.num_points = request.source.num_photons;
+  facts.bounds = bounds;
+  facts.radius = request.radius;
+  facts.num_levels = request.num_levels;
+  facts.has_fluxes = request.has_fluxes;
+  facts.has_normals = request.has_normals;
+  facts.flux_scale = request.flux_scale;
+  facts.num_paths = request.num_paths;
+  return facts;
+}
 
 /// gpurt_photon_query_desc after validation.
 struct PhotonQuery {

@@ -79,6 +79,8 @@ GPURT_STRUCT(gpurt_render_desc, GPURT_RENDER_DESC_INIT, offsetof(gpurt_render_de
 GPURT_STRUCT(gpurt_photon_map_desc, GPURT_PHOTON_MAP_DESC_INIT, offsetof(gpurt_photon_map_desc, num_points),
              offsetof(gpurt_photon_map_desc, positions), offsetof(gpurt_photon_map_desc, fluxes),
              offsetof(gpurt_photon_map_desc, normals));
+GPURT_STRUCT(gpurt_photon_trace_desc, GPURT_PHOTON_TRACE_DESC_INIT, offsetof(gpurt_photon_trace_desc, seed),
+             offsetof(gpurt_photon_trace_desc, pass));
 GPURT_STRUCT(gpurt_photon_query_desc, GPURT_PHOTON_QUERY_DESC_INIT,
              offsetof(gpurt_photon_query_desc, num_queries), offsetof(gpurt_photon_query_desc, positions),
              offsetof(gpurt_photon_query_desc, normals), offsetof(gpurt_photon_query_desc, counts),

@@ -68,6 +68,7 @@ static_assert(same(PhotonQueryKind::List, GPURT_PHOTON_QUERY_LIST) &&
 static_assert(same(GatherKernel::Constant, GPURT_GATHER_KERNEL_CONSTANT) &&
               same(GatherKernel::Cone, GPURT_GATHER_KERNEL_CONE) &&
               same(GatherKernel::Quadratic, GPURT_GATHER_KERNEL_QUADRATIC));
+static_assert(sizeof(gpurt_photon_trace_desc) == 40 && sizeof(gpurt_photon_map_info) == 80);
 static_assert(same(GatherMethod::Grid, GPURT_GATHER_GRID) &&
               same(GatherMethod::NodeLists, GPURT_GATHER_NODE_LISTS));
 static_assert(sizeof(Vec3f) == 3 * sizeof(float));

@@ -17,7 +17,7 @@ static_assert(std::endian::native == std::endian::little,
               "a big-endian machine needs byte swaps in this file");
 
 constexpr char magic[8] = {'g', 'p', 'u', 'r', 't', 'p', 'h', 'o'};
-constexpr uint32_t format_version = 1;
+constexpr uint32_t format_version = 2;
 
 struct Header {
   char magic[8];
@@ -25,10 +25,12 @@ struct Header {
   uint32_t num_levels;
   uint64_t num_points;
   float radius;
-  uint32_t flags;     // 1: fluxes, 2: normals
+  uint32_t flags;  // 1: fluxes, 2: normals
+  float flux_scale;
+  uint32_t num_paths;
   uint64_t checksum;  // of the records, seeded with that of the fields before
 };
-static_assert(sizeof(Header) == 40, "padding would be written");
+static_assert(sizeof(Header) == 48, "padding would be written");
 
 uint64_t checksum_of(const Header &header, const std::vector<Photon> &records)
 {
@@ -46,6 +48,8 @@ void write_photon_file(const std::string &path, const PhotonFile &file)
   header.num_levels = file.num_levels;
   header.num_points = file.records.size();
   header.radius = file.radius;
+  header.flux_scale = file.flux_scale;
+  header.num_paths = file.num_paths;
   header.flags = (file.has_fluxes ? 1u : 0u) | (file.has_normals ? 2u : 0u);
   header.checksum = checksum_of(header, file.records);
   AtomicFile out(path);
@@ -91,6 +95,8 @@ PhotonFile read_photon_file(const std::string &path, const std::shared_ptr<Memor
     fail(GPURT_ERROR_IO, "{}: damaged: its checksum does not match", path);
   file.radius = header.radius;
   file.num_levels = header.num_levels;
+  file.flux_scale = header.flux_scale;
+  file.num_paths = header.num_paths;
   file.has_fluxes = (header.flags & 1) != 0;
   file.has_normals = (header.flags & 2) != 0;
   return file;

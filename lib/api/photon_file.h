@@ -15,6 +15,8 @@ struct PhotonFile {
   float radius = 0;
   uint32_t num_levels = 1;
   bool has_fluxes = false, has_normals = false;
+  float flux_scale = 1;
+  uint32_t num_paths = 0;
 };
 
 /// Throws IO naming the path and the reason; what was at `path` before then stays.

@@ -1,12 +1,16 @@
 // gpurt_photon_map_* and gpurt_cuda_query_photons: check the request, hand it to the backend's map.
 #include "photon_maps.h"
 
+#include <cstring>
+
 #include "api/descriptor.h"
 #include "api/guard.h"
 #include "api/memory_range.h"
 #include "api/objects.h"
 #include "api/photon_file.h"
 #include "gpurt_cuda.h"
+#include "planner/plan.h"
+#include "scene/emission_table.h"
 
 namespace gpurt::api {
 namespace {
@@ -39,6 +43,34 @@ std::shared_ptr<PhotonMapObject> make_map(std::shared_ptr<Device> device, const 
   return object;
 }
 
+uint32_t checked_levels(uint32_t num_levels)
+{
+  if (num_levels > max_photon_levels)
+    fail_invalid("num_levels is {}; a map has at most {}", num_levels, max_photon_levels);
+  return num_levels == 0 ? 1 : num_levels;
+}
+
+// A map's points and what they are, as files have them.
+PhotonFile read_points(const PhotonMapObject &object)
+{
+  const PhotonMapFacts &facts = object.map->facts();
+  PhotonFile file;
+  // Host memory is what the CPU device's limit is about.
+  if (object.device->is_cpu()) {
+    file.reservation =
+        Reservation(object.device->memory(), facts.num_points * sizeof(Photon), "a copy of the points");
+  }
+  file.records.resize(facts.num_points);
+  file.radius = facts.radius;
+  file.num_levels = facts.num_levels;
+  file.has_fluxes = facts.has_fluxes;
+  file.has_normals = facts.has_normals;
+  file.flux_scale = facts.flux_scale;
+  file.num_paths = facts.num_paths;
+  object.map->read(file.records.data());
+  return file;
+}
+
 PhotonMapRequest checked_request(const gpurt_photon_map_desc &d, const Device &device)
 {
   check_enum(d.storage, GPURT_STORAGE_DEVICE + 1, "storage", "gpurt_storage");
@@ -57,10 +89,90 @@ PhotonMapRequest checked_request(const gpurt_photon_map_desc &d, const Device &d
   request.device_memory = is_device_memory(d.storage, device);
   if (d.radius != 0) check_radius(d.radius, "radius");
   request.radius = d.radius;
-  if (d.num_levels > max_photon_levels)
-    fail_invalid("num_levels is {}; a map has at most {}", d.num_levels, max_photon_levels);
-  request.num_levels = d.num_levels == 0 ? 1 : d.num_levels;
+  request.num_levels = checked_levels(d.num_levels);
   return request;
+}
+
+ScenePhotonRequest checked_request(const gpurt_photon_trace_desc &d)
+{
+  constexpr uint32_t default_paths = uint32_t(1) << 20;
+  if (d.num_paths > max_photons) fail_invalid("num_paths is {}; at most {}", d.num_paths, max_photons);
+  if (d.max_depth > max_photon_depth)
+    fail_invalid("max_depth is {}; photon mapping has at most {}", d.max_depth, max_photon_depth);
+  if (d.pass == pilot_pass) fail_invalid("pass is {}; passes end before it", d.pass);
+  if (d.radius != 0) check_radius(d.radius, "radius");
+  return {d.num_paths != 0 ? d.num_paths : default_paths, d.pass, d.radius, checked_levels(d.num_levels)};
+}
+
+std::shared_ptr<PhotonMapObject> trace_map(const Scene &scene, const gpurt_photon_trace_desc &d)
+{
+  const std::shared_ptr<const Commit> commit = scene.require_commit();
+  const ScenePhotonRequest request = checked_request(d);
+  commit->committed->require_photons();
+  const EmissionTable emission = make_emission_table(*commit->compiled);
+  if (emission.cdf.empty()) {
+    fail_invalid(
+        "the scene has no light that emits photons; add a light, an emissive material or an environment and "
+        "commit it");
+  }
+  PathSettings settings{};
+  settings.seed = d.seed;
+  settings.frame_index = d.frame_index;
+  settings.max_depth = d.max_depth != 0 ? d.max_depth : default_max_depth;
+  auto object = std::make_shared<PhotonMapObject>();
+  object->device = scene.device;
+  try {
+    object->map = commit->committed->photon_map(settings, emission.view(), request);
+  } catch (const Error &e) {
+    if (e.result() != GPURT_ERROR_OUT_OF_MEMORY) throw;
+    fail(GPURT_ERROR_OUT_OF_MEMORY, "a map of {} photon paths: {}, or emit fewer num_paths",
+         request.num_paths, e.what());
+  }
+  return object;
+}
+
+// Three values of an attribute of a point.
+Vec3f attribute_of(const Photon &record, gpurt_photon_attribute attribute, float flux_scale)
+{
+  const auto byte = [&](int shift) { return float(int8_t(record.normal >> shift)) * (1.0f / 127.0f); };
+  switch (attribute) {
+    case GPURT_PHOTON_ATTRIBUTE_FLUX:
+      return decode_flux(record.flux) * flux_scale;
+    case GPURT_PHOTON_ATTRIBUTE_NORMAL:
+      return {byte(0), byte(8), byte(16)};
+    case GPURT_PHOTON_ATTRIBUTE_DIRECTION:
+      return decode_direction(record.direction);
+    default:
+      return record.position;
+  }
+}
+
+void read_map(const PhotonMapObject &object, gpurt_photon_attribute attribute, void *data,
+              uint64_t size_bytes)
+{
+  const PhotonMapFacts &facts = object.map->facts();
+  if (attribute == GPURT_PHOTON_ATTRIBUTE_FLUX && !facts.has_fluxes)
+    fail_invalid("attribute is GPURT_PHOTON_ATTRIBUTE_FLUX, but the map was made without fluxes");
+  if (attribute == GPURT_PHOTON_ATTRIBUTE_NORMAL && !facts.has_normals)
+    fail_invalid("attribute is GPURT_PHOTON_ATTRIBUTE_NORMAL, but the map was made without normals");
+  if (attribute == GPURT_PHOTON_ATTRIBUTE_DIRECTION && facts.num_paths == 0) {
+    fail_invalid(
+        "attribute is GPURT_PHOTON_ATTRIBUTE_DIRECTION, but the points are the caller's, which have none; "
+        "gpurt_photon_map_trace makes maps that have them");
+  }
+  if (size_bytes != facts.num_points * sizeof(Vec3f)) {
+    fail_invalid("size_bytes is {}; {} points of 12 bytes take {}", size_bytes, facts.num_points,
+                 facts.num_points * sizeof(Vec3f));
+  }
+  if (facts.num_points == 0) return;
+  require(data, "data");
+  const PhotonFile file = read_points(object);
+  auto *to = static_cast<std::byte *>(data);
+  for (const Photon &record : file.records) {
+    const Vec3f value = attribute_of(record, attribute, facts.flux_scale);
+    std::memcpy(to, &value, sizeof value);
+    to += sizeof value;
+  }
 }
 
 const char *name_of(PhotonQueryKind kind)
@@ -151,7 +263,7 @@ PhotonQuery checked_query(const gpurt_photon_query_desc &d, const PhotonMapFacts
     query.limit = d.radius != 0 ? d.radius : infinity;
     query.hint = d.radius_hint;
   } else {
-    query.range = make_range_query(d.radius, GatherKernel(d.kernel), d.min_cosine);
+    query.range = make_range_query(d.radius, GatherKernel(d.kernel), d.min_cosine, facts.flux_scale);
   }
   if (d.normals) {
     if (!(d.min_cosine >= -1 && d.min_cosine <= 1))
@@ -207,6 +319,26 @@ gpurt_result gpurt_photon_map_create(gpurt_device device, const gpurt_photon_map
   });
 }
 
+gpurt_result gpurt_photon_map_trace(gpurt_scene scene, const gpurt_photon_trace_desc *desc,
+                                    gpurt_photon_map *out_map)
+{
+  return guard([&] {
+    const auto s = get(scene, "scene");
+    require(out_map, "out_map");
+    *out_map = publish<gpurt_photon_map>(trace_map(*s, read_optional_descriptor(desc)));
+  });
+}
+
+gpurt_result gpurt_photon_map_read(gpurt_photon_map map, gpurt_photon_attribute attribute, void *data,
+                                   uint64_t size_bytes)
+{
+  return guard([&] {
+    const auto object = get(map, "map");
+    check_enum(attribute, GPURT_PHOTON_ATTRIBUTE_DIRECTION + 1, "attribute", "gpurt_photon_attribute");
+    read_map(*object, attribute, data, size_bytes);
+  });
+}
+
 gpurt_result gpurt_photon_map_retain(gpurt_photon_map map)
 {
   return guard([&] { retain(map, "map"); });
@@ -238,6 +370,8 @@ gpurt_result gpurt_photon_map_get_info(gpurt_photon_map map, gpurt_photon_map_in
     info.fullest_cell = facts.fullest_cell;
     info.memory_bytes = facts.bytes;
     info.build_seconds = facts.build_seconds;
+    info.has_directions = facts.num_paths != 0;
+    info.num_paths = facts.num_paths;
     write_output(out_info, info, "out_info");
   });
 }
@@ -247,20 +381,7 @@ gpurt_result gpurt_photon_map_save(gpurt_photon_map map, const char *path)
   return guard([&] {
     const auto object = get(map, "map");
     require(path, "path");
-    const PhotonMapFacts &facts = object->map->facts();
-    PhotonFile file;
-    // Host memory is what the CPU device's limit is about.
-    if (object->device->is_cpu()) {
-      file.reservation =
-          Reservation(object->device->memory(), facts.num_points * sizeof(Photon), "a copy of the points");
-    }
-    file.records.resize(facts.num_points);
-    file.radius = facts.radius;
-    file.num_levels = facts.num_levels;
-    file.has_fluxes = facts.has_fluxes;
-    file.has_normals = facts.has_normals;
-    object->map->read(file.records.data());
-    write_photon_file(path, file);
+    write_photon_file(path, read_points(*object));
   });
 }
 
@@ -281,6 +402,8 @@ gpurt_result gpurt_photon_map_load(gpurt_device device, const char *path, gpurt_
     request.has_normals = file.has_normals;
     request.radius = file.radius;
     request.num_levels = file.num_levels;
+    request.flux_scale = file.flux_scale;
+    request.num_paths = file.num_paths;
     *out_map = publish<gpurt_photon_map>(make_map(parent, request));
   });
 }

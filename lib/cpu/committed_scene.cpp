@@ -8,7 +8,7 @@
 #include "core/accel/hit_ids.h"
 #include "cpu/kernels.h"
 #include "cpu/path/render.h"
-#include "cpu/photon/render.h"
+#include "cpu/photon/scene_photons.h"
 #include "cpu/reyes/render.h"
 
 namespace gpurt {
@@ -66,6 +66,14 @@ PhotonPilot CpuScene::photon_pilot(const PathSettings &settings, const EmissionV
 {
   return photon_pilot_on_cpu(settings, emission, num_photons, points_per_axis,
                              {accel(), view_, photon_kernels(cpu_kernels().isa), *arena_, memory_});
+}
+
+std::shared_ptr<const PhotonMap> CpuScene::photon_map(const PathSettings &settings,
+                                                      const EmissionView &emission,
+                                                      const ScenePhotonRequest &request) const
+{
+  return photon_map_on_cpu(settings, emission, request,
+                           {accel(), view_, photon_kernels(cpu_kernels().isa), *arena_, memory_}, arena_);
 }
 
 void CpuScene::trace(const TraceRequest &request) const

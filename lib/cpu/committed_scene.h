@@ -21,6 +21,8 @@ class CpuScene final : public CommittedScene {
   void require_photon_statistics() const override {}
   PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
                            uint32_t points_per_axis) const override;
+  std::shared_ptr<const PhotonMap> photon_map(const PathSettings &settings, const EmissionView &emission,
+                                              const ScenePhotonRequest &request) const override;
   void require_reyes() const override {}
   bool own_light_has_rays() const override { return true; }
   HostKdTree export_tree(uint32_t tree) const override { return accelerator_->export_tree(tree); }

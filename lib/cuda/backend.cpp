@@ -14,6 +14,7 @@
 #include "cuda/path/render.h"
 #include "cuda/photon/photon_map.h"
 #include "cuda/photon/render.h"
+#include "cuda/photon/scene_photons.h"
 #include "cuda/probe.h"
 #include "cuda/reyes/render.h"
 #include "error.h"
@@ -133,6 +134,14 @@ class CudaScene final : public CommittedScene, public StreamTracing {
     const DeviceScope scope(device_->memory->ordinal());
     return photon_pilot_on_device(settings, emission, num_photons, points_per_axis, trace_scene_,
                                   device_->memory, device_->lanes);
+  }
+
+  std::shared_ptr<const PhotonMap> photon_map(const PathSettings &settings, const EmissionView &emission,
+                                              const ScenePhotonRequest &request) const override
+  {
+    const DeviceScope scope(device_->memory->ordinal());
+    return photon_map_on_device(settings, emission, request, trace_scene_, device_, device_->memory,
+                                device_->lanes);
   }
 
   void require_reyes() const override {}

@@ -70,6 +70,16 @@ PhotonPilot MultiScene::photon_pilot(const PathSettings &settings, const Emissio
   return pilot;
 }
 
+// Maps lie on the first device, as those of the caller's points do.
+std::shared_ptr<const PhotonMap> MultiScene::photon_map(const PathSettings &settings,
+                                                        const EmissionView &emission,
+                                                        const ScenePhotonRequest &request) const
+{
+  std::shared_ptr<const PhotonMap> map;
+  run_named(*members_, 0, [&] { map = scenes_[0]->photon_map(settings, emission, request); });
+  return map;
+}
+
 void MultiScene::render_photons(const RenderPass &pass) const
 {
   WaitingUnits units(pass);

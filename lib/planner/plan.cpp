@@ -10,7 +10,6 @@ namespace gpurt {
 namespace {
 
 constexpr uint32_t default_samples_per_pixel = 64;
-constexpr uint32_t default_max_depth = 17;
 constexpr uint32_t reyes_samples_per_pixel = 9, reyes_max_depth = 2;
 
 void check_factor(float value, const char *field)

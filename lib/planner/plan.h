@@ -8,6 +8,9 @@
 
 namespace gpurt {
 
+/// Vertices of paths, where the caller leaves it open.
+constexpr uint32_t default_max_depth = 17;
+
 /// How a commit builds, and why.
 struct BuildPlan {
   BuildOptions options;  // the accelerator is resolved, but where the backend has to look at the scene

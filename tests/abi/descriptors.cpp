@@ -146,6 +146,21 @@ class Descriptors : public testing::Test {
                            return result;
                          }));
 
+    gpurt_light_desc lamp = GPURT_LIGHT_DESC_INIT;
+    lamp.intensity[0] = 1;
+    uint32_t lamp_id;
+    GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &lamp, &lamp_id));
+    GPURT_EXPECT_OK(gpurt_scene_commit(scene, nullptr));
+    gpurt_photon_trace_desc photon_trace = GPURT_PHOTON_TRACE_DESC_INIT;
+    photon_trace.num_paths = 64;
+    cases.push_back(CASE(gpurt_photon_map_trace, gpurt_photon_trace_desc, GPURT_PHOTON_TRACE_DESC_INIT,
+                         photon_trace, [=](auto *d) {
+                           gpurt_photon_map out = nullptr;
+                           const gpurt_result result = gpurt_photon_map_trace(scene, d, &out);
+                           if (out != nullptr) gpurt_photon_map_release(out);
+                           return result;
+                         }));
+
     gpurt_photon_query_desc photons = GPURT_PHOTON_QUERY_DESC_INIT;
     photons.num_queries = 1;
     photons.positions = corners;

@@ -118,6 +118,11 @@ std::vector<Call<gpurt_photon_map>> photon_map_calls()
          gpurt_photon_map_info info = GPURT_PHOTON_MAP_INFO_INIT;
          return gpurt_photon_map_get_info(h, &info);
        }},
+      {"gpurt_photon_map_read",
+       [](gpurt_photon_map h) {
+         float value;
+         return gpurt_photon_map_read(h, GPURT_PHOTON_ATTRIBUTE_POSITION, &value, sizeof value);
+       }},
       {"gpurt_photon_map_save", [](gpurt_photon_map h) { return gpurt_photon_map_save(h, "none.gpurt"); }},
       {"gpurt_photon_map_query",
        [](gpurt_photon_map h) {
@@ -153,6 +158,11 @@ std::vector<Call<gpurt_scene>> scene_calls()
   return {
       {"gpurt_scene_retain", gpurt_scene_retain},
       {"gpurt_scene_release", gpurt_scene_release},
+      {"gpurt_photon_map_trace",
+       [](gpurt_scene h) {
+         gpurt_photon_map out;
+         return gpurt_photon_map_trace(h, nullptr, &out);
+       }},
       adding<gpurt_texture_desc>("gpurt_scene_add_texture", gpurt_scene_add_texture, texture),
       adding<gpurt_material_desc>("gpurt_scene_add_material", gpurt_scene_add_material,
                                   GPURT_MATERIAL_DESC_INIT),

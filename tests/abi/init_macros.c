@@ -32,6 +32,7 @@ int gpurt_test_init_macros(void)
   gpurt_photon_map_desc map = GPURT_PHOTON_MAP_DESC_INIT;
   gpurt_photon_map_info map_info = GPURT_PHOTON_MAP_INFO_INIT;
   gpurt_photon_query_desc photons = GPURT_PHOTON_QUERY_DESC_INIT;
+  gpurt_photon_trace_desc photon_trace = GPURT_PHOTON_TRACE_DESC_INIT;
   return device.struct_size == sizeof device && properties.struct_size == sizeof properties &&
          buffer.struct_size == sizeof buffer && texture.struct_size == sizeof texture &&
          material.struct_size == sizeof material && mesh.struct_size == sizeof mesh &&
@@ -43,5 +44,5 @@ int gpurt_test_init_macros(void)
          locate.struct_size == sizeof locate && frame.struct_size == sizeof frame &&
          render.struct_size == sizeof render && statistics.struct_size == sizeof statistics &&
          map.struct_size == sizeof map && map_info.struct_size == sizeof map_info &&
-         photons.struct_size == sizeof photons;
+         photons.struct_size == sizeof photons && photon_trace.struct_size == sizeof photon_trace;
 }

@@ -575,7 +575,17 @@ FIELD(gpurt_photon_map_desc, normals, 32);
 FIELD(gpurt_photon_map_desc, radius, 40);
 FIELD(gpurt_photon_map_desc, num_levels, 44);
 
-SIZE(gpurt_photon_map_info, 72);
+SIZE(gpurt_photon_trace_desc, 40);
+FIELD(gpurt_photon_trace_desc, struct_size, 0);
+FIELD(gpurt_photon_trace_desc, num_paths, 4);
+FIELD(gpurt_photon_trace_desc, seed, 8);
+FIELD(gpurt_photon_trace_desc, pass, 16);
+FIELD(gpurt_photon_trace_desc, frame_index, 24);
+FIELD(gpurt_photon_trace_desc, max_depth, 28);
+FIELD(gpurt_photon_trace_desc, radius, 32);
+FIELD(gpurt_photon_trace_desc, num_levels, 36);
+
+SIZE(gpurt_photon_map_info, 80);
 FIELD(gpurt_photon_map_info, struct_size, 0);
 FIELD(gpurt_photon_map_info, num_levels, 4);
 FIELD(gpurt_photon_map_info, num_points, 8);
@@ -586,6 +596,8 @@ FIELD(gpurt_photon_map_info, has_normals, 48);
 FIELD(gpurt_photon_map_info, fullest_cell, 52);
 FIELD(gpurt_photon_map_info, memory_bytes, 56);
 FIELD(gpurt_photon_map_info, build_seconds, 64);
+FIELD(gpurt_photon_map_info, has_directions, 72);
+FIELD(gpurt_photon_map_info, num_paths, 76);
 
 SIZE(gpurt_photon_query_desc, 112);
 FIELD(gpurt_photon_query_desc, struct_size, 0);
@@ -618,6 +630,12 @@ VALUE(GPURT_GATHER_KERNEL_CONSTANT, 0);
 VALUE(GPURT_GATHER_KERNEL_CONE, 1);
 VALUE(GPURT_GATHER_KERNEL_QUADRATIC, 2);
 SIZE(gpurt_gather_kernel, 4);
+
+VALUE(GPURT_PHOTON_ATTRIBUTE_POSITION, 0);
+VALUE(GPURT_PHOTON_ATTRIBUTE_FLUX, 1);
+VALUE(GPURT_PHOTON_ATTRIBUTE_NORMAL, 2);
+VALUE(GPURT_PHOTON_ATTRIBUTE_DIRECTION, 3);
+SIZE(gpurt_photon_attribute, 4);
 
 VALUE(GPURT_GATHER_GRID, 0);
 VALUE(GPURT_GATHER_NODE_LISTS, 1);

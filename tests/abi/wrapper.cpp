@@ -74,6 +74,24 @@ TEST(Wrapper, FindsPointsNearPlaces)
   EXPECT_THROW(device.photon_map({1, 2}), gpurt::Error);
 }
 
+TEST(Wrapper, TracesPhotonsOfAScene)
+{
+  const gpurt::Device device(GPURT_DEVICE_CPU);
+  const gpurt::Scene scene = device.scene();
+  EXPECT_THROW(scene.trace_photons(), gpurt::Error);
+  scene.add_mesh({-9, 0, -9, 0, 0, 9, 9, 0, -9}, {0, 1, 2});
+  scene.add_mesh({-9, 1, -9, 0, 1, 9, 9, 1, -9}, {0, 1, 2});
+  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+  light.position[1] = 0.5f;
+  light.intensity[0] = 1;
+  scene.add(light);
+  scene.commit();
+  const gpurt::PhotonMap map = scene.trace_photons(1000, 7);
+  EXPECT_EQ(map.info().num_paths, 1000u);
+  EXPECT_GT(map.info().num_points, 500u);
+  EXPECT_EQ(map.read(GPURT_PHOTON_ATTRIBUTE_FLUX).size(), 3 * map.info().num_points);
+}
+
 TEST(Wrapper, ExceptionsCarryResultAndText)
 {
   const gpurt::Device device(GPURT_DEVICE_CPU);

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from conftest import make_box
 from test_interop import KINDS, Kind
 
 import gpurt
@@ -87,6 +88,27 @@ def test_files(photons, device, tmp_path):
         pickle.dumps(photons)
 
 
+def test_photons_of_a_scene(device):
+    box = make_box(device)
+    traced = box.trace_photons(20000, seed=3, max_depth=9, levels=2)
+    info = traced.info
+    assert info.num_paths == 20000 and info.has_directions and info.num_levels == 2 and len(traced) > 5000
+    fluxes, directions = traced.read("flux"), traced.read("direction")
+    assert fluxes.shape == (len(traced), 3) and np.allclose(np.linalg.norm(directions, axis=-1), 1, atol=1e-6)
+    assert (np.sum(traced.read("normal") * directions, -1) < 0).all()
+    inside = distances_of(np.zeros(3), traced.read()) < 1.1
+    assert np.allclose(traced.sum([0, 0, 0], 1.1), fluxes[inside].sum(0, dtype=float), rtol=1e-4)
+    # 0.64 m^2 shine with pi times the radiance; the room is open, and no wall keeps more than 0.8.
+    power = np.pi * 0.64 * np.array([10, 9, 8])
+    assert (fluxes.sum(0, dtype=float) < 4 * power).all() and fluxes.sum() > 0.5 * power.sum()
+    other = box.trace_photons(20000, seed=3, pass_index=1, frame_index=1, max_depth=9)
+    assert not np.array_equal(other.read()[:100], traced.read()[:100])
+    with pytest.raises(gpurt.InvalidArgument, match="no light"):
+        dark = gpurt.Scene(device)
+        dark.add_mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        dark.commit().trace_photons(100)
+
+
 def test_refusals(photons, device):
     for call, text in (
         (lambda: gpurt.PhotonMap(np.zeros((3, 2)), device=device), "positions"),
@@ -100,6 +122,8 @@ def test_refusals(photons, device):
         (lambda: photons.count(PLACES, normals=PLACES[0]), "normals"),
         (lambda: photons.nearest(PLACES, 0), "k is 0"),
         (lambda: photons.sum(PLACES, kernel="box"), "kernel"),
+        (lambda: photons.read("direction"), "gpurt_photon_map_trace"),
+        (lambda: photons.read("colour"), "attribute"),
         (lambda: gpurt.PhotonMap(POINTS, device=device).sum(PLACES), "fluxes"),
     ):
         with pytest.raises(gpurt.InvalidArgument, match=text):

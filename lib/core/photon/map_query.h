@@ -27,7 +27,8 @@ struct RangeQuery {
   float radius;
   float inverse_radius, inverse_radius2;
   GatherKernel kernel;
-  int min_dot;  // of normals: normal_threshold
+  int min_dot;       // of normals: normal_threshold
+  float flux_scale;  // of the map: what sums are multiplied with
 };
 
 /// A sum over points within a radius.
@@ -38,9 +39,10 @@ struct FluxSum {
 
 GPURT_FUNCTIONS_BEGIN
 
-GPURT_INLINE RangeQuery make_range_query(float radius, GatherKernel kernel, float min_cosine)
+GPURT_INLINE RangeQuery make_range_query(float radius, GatherKernel kernel, float min_cosine,
+                                         float flux_scale)
 {
-  return {radius, 1.0f / radius, 1.0f / (radius * radius), kernel, normal_threshold(min_cosine)};
+  return {radius, 1.0f / radius, 1.0f / (radius * radius), kernel, normal_threshold(min_cosine), flux_scale};
 }
 
 GPURT_INLINE float kernel_weight(const RangeQuery &query, float d2)

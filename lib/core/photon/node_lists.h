@@ -73,7 +73,7 @@ GPURT_INLINE void answer_from_lists(const ListGather &gather, uint64_t query)
       });
   const FluxSum sum = has_normals ? join_parts(parts) : parts[0];
   if (gather.counts != nullptr) gather.counts[query] = sum.count;
-  if (gather.sums != nullptr) gather.sums[query] = sum.flux;
+  if (gather.sums != nullptr) gather.sums[query] = sum.flux * gather.range.flux_scale;
 }
 
 GPURT_FUNCTIONS_END

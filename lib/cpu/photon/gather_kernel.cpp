@@ -45,7 +45,7 @@ void sum(const GatherBatch &batch, uint64_t begin, uint64_t end)
       add(parts[Normals ? part : 0], probe.flux, kernel_weight(batch.range, d2));
     });
     const FluxSum whole = Normals ? join_parts(parts) : parts[0];
-    batch.sums[query] = whole.flux;
+    batch.sums[query] = whole.flux * batch.range.flux_scale;
     if (batch.counts != nullptr) batch.counts[query] = whole.count;
   }
 }

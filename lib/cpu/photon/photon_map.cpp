@@ -133,8 +133,7 @@ void CpuPhotonMap::build(const PhotonMapRequest &request)
   const PhotonSource &source = request.source;
   const PointsFound found = look_through(source);
   check_points(found);
-  facts_ = {source.num_photons, found.bounds,       request.radius,
-            request.num_levels, request.has_fluxes, request.has_normals};
+  facts_ = facts_of(request, found.bounds);
   if (request.radius == 0) {
     facts_.radius = choose_radius(found.bounds, source.num_photons, [&](float radius) {
       const CpuPhotonGrid grid(source, found.bounds, {radius, false, false}, memory_);

@@ -76,6 +76,20 @@ uint64_t PhotonStore::capacity() const
   return std::min<uint64_t>(max_photons, limit > used ? (limit - used) / 2 / bytes_per_photon : 0);
 }
 
+PhotonStore::Chunk PhotonStore::make_chunk(const PhotonChunk &traced) const
+{
+  Chunk chunk(scene_.memory, traced.num, "photons");
+  std::copy_n(traced.photons, traced.num, chunk.data());
+  return chunk;
+}
+
+uint64_t PhotonStore::num_photons_of(const std::vector<Chunk> &chunks)
+{
+  uint64_t sum = 0;
+  for (const Chunk &chunk : chunks) sum += chunk.size();
+  return sum;
+}
+
 std::vector<PhotonStore::Chunk> PhotonStore::trace_chunks(uint32_t num_chunks)
 {
   std::vector<Chunk> chunks(num_chunks);
@@ -95,7 +109,7 @@ std::vector<PhotonStore::Chunk> PhotonStore::trace_chunks(uint32_t num_chunks)
           scene_.kernels.trace(scene_.accel, scene_.scene, pass_.photon->emission, unit, scratch.wave(),
                                std::min(photons_per_chunk, photon_pass_.num_emitted - first), chunk,
                                steady_seconds, scratch.counters);
-          chunks[k].assign(chunk.photons, chunk.photons + chunk.num);
+          chunks[k] = make_chunk(chunk);
         }
       },
       tbb::simple_partitioner());
@@ -109,7 +123,6 @@ bool PhotonStore::fill()
   const bool is_limited = capacity < max_photons;
   std::vector<Chunk> chunks;
   uint64_t num_photons = 0, most = 0;
-  Reservation chunk_bytes(scene_.memory, 0, "photons");
   do {
     const uint32_t left = (photon_pass_.num_emitted - next_ + photons_per_chunk - 1) / photons_per_chunk;
     // With a limit few at a time, so that what they leave can be foreseen.
@@ -124,7 +137,6 @@ bool PhotonStore::fill()
         std::min<uint64_t>(uint64_t(next_) + uint64_t(batch) * photons_per_chunk, photon_pass_.num_emitted));
     num_photons += in_batch;
     most = std::max(most, in_batch);
-    chunk_bytes.resize(num_photons * sizeof(Photon), "photons");
     if (num_photons > max_photons)
       fail(GPURT_ERROR_UNSUPPORTED, "a pass stored more than {} photons; emit fewer photons_per_pass",
            max_photons);
@@ -135,9 +147,9 @@ bool PhotonStore::fill()
     TrackedArray<Photon> records(scene_.memory, num_photons, "photons");
     uint64_t to = 0;
     for (Chunk &chunk : chunks) {
-      std::copy(chunk.begin(), chunk.end(), records.data() + to);
+      std::copy_n(chunk.data(), chunk.size(), records.data() + to);
       to += chunk.size();
-      Chunk().swap(chunk);
+      chunk.free();
     }
     const PhotonSource source{records.data(), nullptr, nullptr, nullptr, num_photons};
     uint64_t first_bad;
@@ -161,13 +173,9 @@ bool PhotonStore::fill()
   return true;
 }
 
-std::vector<Photon> PhotonStore::trace_all()
+std::vector<PhotonStore::Chunk> PhotonStore::trace_all()
 {
-  std::vector<Photon> photons;
-  const uint32_t num_chunks = (photon_pass_.num_emitted + photons_per_chunk - 1) / photons_per_chunk;
-  for (const Chunk &chunk : trace_chunks(num_chunks))
-    photons.insert(photons.end(), chunk.begin(), chunk.end());
-  return photons;
+  return trace_chunks((photon_pass_.num_emitted + photons_per_chunk - 1) / photons_per_chunk);
 }
 
 }  // namespace gpurt

@@ -4,7 +4,9 @@
 #include <tbb/enumerable_thread_specific.h>
 
 #include <optional>
+#include <vector>
 
+#include "accel/tracked_array.h"
 #include "cpu/photon/photon_grid.h"
 #include "cpu/photon/render.h"
 
@@ -22,15 +24,18 @@ class PhotonStore {
   bool is_last() const { return next_ == photon_pass_.num_emitted; }
   PhotonGrid grid() const { return grid_->view(); }
   PhotonCounters counters() const { return counters_; }
-  /// All photons of the pass, as records.
-  std::vector<Photon> trace_all();
+  /// Photons of neighbouring paths. They count against the memory limit before they take memory.
+  using Chunk = TrackedArray<Photon>;
+  /// All photons of the pass, chunk by chunk in the order of paths. Throws OUT_OF_MEMORY.
+  std::vector<Chunk> trace_all();
+  static uint64_t num_photons_of(const std::vector<Chunk> &chunks);
 
  private:
   struct Scratch;
-  using Chunk = std::vector<Photon>;
   bool is_cancelled() const;
   uint64_t capacity() const;
   std::vector<Chunk> trace_chunks(uint32_t num_chunks);
+  Chunk make_chunk(const PhotonChunk &traced) const;
 
   const RenderPass &pass_;
   const PhotonPass &photon_pass_;

@@ -203,7 +203,14 @@ PhotonPilot photon_pilot_on_cpu(const PathSettings &settings, const EmissionView
     PhotonPass photon_pass = make_photon_pass(request.settings, emission, 0);
     photon_pass.index = pilot_pass;
     PhotonStore store(pass, photon_pass, scene);
-    pilot.photons = store.trace_all();
+    std::vector<PhotonStore::Chunk> chunks = store.trace_all();
+    const uint64_t num_stored = PhotonStore::num_photons_of(chunks);
+    pilot.photon_bytes = Reservation(scene.memory, num_stored * sizeof(Photon), "a pilot's photons");
+    pilot.photons.reserve(num_stored);
+    for (PhotonStore::Chunk &chunk : chunks) {
+      pilot.photons.insert(pilot.photons.end(), chunk.data(), chunk.data() + chunk.size());
+      chunk.free();
+    }
 
     EyeScratch scratch;
     const PathWave wave = scratch.wave.wave();

@@ -86,7 +86,7 @@ __global__ void __launch_bounds__(block_size)
     sum = {{join_lanes(sum.flux.x), join_lanes(sum.flux.y), join_lanes(sum.flux.z)}, join_lanes(sum.count)};
   }
   if (!writes<Normals>(gather)) return;
-  gather.sums[query] = sum.flux;
+  gather.sums[query] = sum.flux * gather.range.flux_scale;
   if (gather.counts != nullptr) gather.counts[query] = sum.count;
 }
 

@@ -41,6 +41,11 @@ void launch_build_grid(const GridShape &shape, const PhotonSource &source, const
 /// The records of a grid's points, in the order of their indices.
 void launch_read_grid(const PhotonGrid &grid, bool has_fluxes, Photon *records, cudaStream_t stream);
 
+/// Records as they came, into to[n] by (path, bounce). n and num_paths are at most max_photons.
+uint64_t record_order_bytes(uint64_t n);
+void launch_order_records(const Photon *from, uint64_t n, uint32_t num_paths, void *memory, Photon *to,
+                          cudaStream_t stream);
+
 /// Indices of queries, by the cells that they lie in; null where the memory is null: unsorted.
 uint64_t query_order_bytes(uint64_t num_queries);
 const uint32_t *launch_query_order(const GridShape &shape, const Vec3f *positions, uint32_t num_queries,

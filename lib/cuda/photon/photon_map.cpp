@@ -97,8 +97,7 @@ void CudaPhotonMap::build(const PhotonMapRequest &request, Lane &lane)
   const PointsFound found = read_found(found_buffer, lane);
   double seconds = seconds_between(begin, end);
   check_points(found);
-  facts_ = {source.num_photons, found.bounds,       request.radius,
-            request.num_levels, request.has_fluxes, request.has_normals};
+  facts_ = facts_of(request, found.bounds);
 
   const auto fill_of = [&](const DevicePhotonGrid &grid) {
     launch_fill(grid.view().starts, grid.view().shape.table_size, fill_buffer.data(), lane.stream());

@@ -198,7 +198,7 @@ PhotonGrid PhotonStore::build(float radius)
 
 void PhotonStore::read_records(Photon *to) const
 {
-  check(cudaMemcpyAsync(to, map_->records.data(), num_stored_ * sizeof(Photon), cudaMemcpyDeviceToHost,
+  check(cudaMemcpyAsync(to, map_->records.data(), num_stored_ * sizeof(Photon), cudaMemcpyDefault,
                         queue_.stream),
         "cudaMemcpyAsync");
   check(cudaStreamSynchronize(queue_.stream), "cudaStreamSynchronize");

@@ -27,7 +27,7 @@ class PhotonStore {
   /// Whether no photons are left to trace.
   bool is_last() const { return num_started_ == num_emitted_ && num_flying_ == 0; }
   uint64_t num_records() const { return num_stored_; }
-  /// Copies the records to the host.
+  /// Copies the records to host or device memory.
   void read_records(Photon *to) const;
 
   /// Of all passes so far, less times; radii are the caller's.

@@ -5,6 +5,7 @@
 #include <set>
 
 #include "cuda/path/group_film.h"
+#include "cuda/photon/device_emission.h"
 #include "cuda/photon/eye_tracer.h"
 #include "cuda/photon/photon_store.h"
 #include "error.h"
@@ -24,25 +25,6 @@ static_assert(PassQueue::passes + most_slots * sizeof(PhotonPass) <= PassQueue::
 constexpr unsigned most_lanes = 2;
 // Pixels whose film is on the device at once: the photons of a pass are traced again for the others.
 constexpr uint64_t most_pixels = uint64_t(1) << 25;
-
-// The lights' shares in device memory.
-class DeviceEmission {
- public:
-  DeviceEmission(const EmissionView &emission, const std::shared_ptr<DeviceMemory> &memory,
-                 cudaStream_t stream)
-      : view_(emission)
-  {
-    if (emission.cdf == nullptr) return;
-    cdf_ = upload(memory, std::span<const float>(emission.cdf, uint64_t(emission.num_sources) + 1),
-                  "the lights' shares of photons", stream);
-    view_.cdf = cdf_.data();
-  }
-  const EmissionView &view() const { return view_; }
-
- private:
-  EmissionView view_;
-  DeviceBuffer<float> cdf_;
-};
 
 // What passes work on.
 struct Workspace {

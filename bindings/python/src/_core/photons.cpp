@@ -26,6 +26,30 @@ std::unique_ptr<PhotonMap> create(const Device &device, bool in_device_memory, u
   return map;
 }
 
+std::unique_ptr<PhotonMap> trace(const Scene &scene, uint32_t num_paths, uint64_t seed, uint64_t pass,
+                                 uint32_t frame_index, uint32_t max_depth, float radius, uint32_t num_levels)
+{
+  auto map = std::make_unique<PhotonMap>();
+  gpurt_photon_trace_desc desc = GPURT_PHOTON_TRACE_DESC_INIT;
+  desc.num_paths = num_paths;
+  desc.seed = seed;
+  desc.pass = pass;
+  desc.frame_index = frame_index;
+  desc.max_depth = max_depth;
+  desc.radius = radius;
+  desc.num_levels = num_levels;
+  call([&] { return gpurt_photon_map_trace(scene.handle.get(), &desc, map->handle.out()); });
+  return map;
+}
+
+void read(const PhotonMap &map, int attribute, std::uintptr_t data, uint64_t size_bytes)
+{
+  call([&] {
+    return gpurt_photon_map_read(map.handle.get(), static_cast<gpurt_photon_attribute>(attribute),
+                                 reinterpret_cast<void *>(data), size_bytes);
+  });
+}
+
 std::unique_ptr<PhotonMap> load(const Device &device, const py::bytes &path)
 {
   auto map = std::make_unique<PhotonMap>();
@@ -49,7 +73,8 @@ py::dict info(const PhotonMap &map)
                   "bounds_min"_a = to_tuple(info.bounds[0]), "bounds_max"_a = to_tuple(info.bounds[1]),
                   "radius"_a = info.radius, "has_fluxes"_a = info.has_fluxes != 0,
                   "has_normals"_a = info.has_normals != 0, "fullest_cell"_a = info.fullest_cell,
-                  "memory_bytes"_a = info.memory_bytes, "build_seconds"_a = info.build_seconds);
+                  "memory_bytes"_a = info.memory_bytes, "build_seconds"_a = info.build_seconds,
+                  "has_directions"_a = info.has_directions != 0, "num_paths"_a = info.num_paths);
 }
 
 // A stream, which None is not: the work is queued there and not waited for.
@@ -93,6 +118,10 @@ void bind_photons(py::module_ &module)
       .def(py::init(&create), py::arg("device"), py::arg("in_device_memory"), py::arg("num_points"),
            py::arg("positions"), py::arg("fluxes"), py::arg("normals"), py::arg("radius"),
            py::arg("num_levels"))
+      .def_static("trace", trace, py::arg("scene"), py::arg("num_paths"), py::arg("seed"),
+                  py::arg("pass_index"), py::arg("frame_index"), py::arg("max_depth"), py::arg("radius"),
+                  py::arg("num_levels"))
+      .def("read", read, py::arg("attribute"), py::arg("data"), py::arg("size_bytes"))
       .def_static("load", load, py::arg("device"), py::arg("path"))
       .def("save", save, py::arg("path"))
       .def("info", info)

@@ -12,7 +12,7 @@ from gpurt._arrays import PathLike, float_rows, shape_text, to_count, to_number,
 from gpurt._foreign import _check_place, _is_on_gpu, _ready_view
 from gpurt._libraries import Library, library_of
 from gpurt._memory import DEFAULT_STREAM, DeviceArray, View
-from gpurt._names import GATHER_KERNEL, GATHER_METHOD, PHOTON_QUERY
+from gpurt._names import GATHER_KERNEL, GATHER_METHOD, PHOTON_ATTRIBUTE, PHOTON_QUERY
 from gpurt._trace import slices
 from gpurt.device import Device, default_device, refuse_pickling
 from gpurt.errors import InvalidArgument
@@ -32,6 +32,8 @@ class PhotonMapInfo:
     fullest_cell: int  #: points of the fullest entry of the finest grid's table
     memory_bytes: int
     build_seconds: float
+    has_directions: bool  #: of flight: maps of Scene.trace_photons() have them
+    num_paths: int  #: photons that left the lights for it; 0: the points are the caller's
 
 
 class _Rows:
@@ -175,6 +177,19 @@ class PhotonMap:
         self._radius = self.info.radius
 
     @classmethod
+    def _trace(cls, scene: Any, num_paths: int, seed: int, pass_index: int, frame_index: int, max_depth: int,
+               radius: Optional[float], levels: int) -> "PhotonMap":
+        photons = cls.__new__(cls)
+        photons.device = scene.device
+        with photons.device._log_errors():
+            photons._core = _core.PhotonMap.trace(scene._core, to_count(num_paths, "num_paths"),
+                                                  to_count(seed, "seed", 64), to_count(pass_index, "pass_index", 64),
+                                                  to_count(frame_index, "frame_index"), to_count(max_depth, "max_depth"),
+                                                  0.0 if radius is None else _radius(radius), to_count(levels, "levels"))
+        photons._radius = photons.info.radius
+        return photons
+
+    @classmethod
     def load(cls, path: PathLike, device: Optional[Device] = None) -> "PhotonMap":
         """Reads a map that save() wrote. Raises FileError."""
         photons = cls.__new__(cls)
@@ -186,6 +201,17 @@ class PhotonMap:
     def save(self, path: PathLike) -> None:
         """Writes the map to a file, under a temporary name that is then changed. Raises FileError."""
         self._core.save(to_path(path))
+
+    def read(self, attribute: str = "position") -> Any:
+        """What the map keeps of its points, in the order of ids: float32 [n][3].
+
+        :param attribute: "position", "flux" as it counts in sums, "normal" in steps of 1/127, or "direction" of flight.
+
+        Raises InvalidArgument for what the map was made without.
+        """
+        values = np.empty((len(self), 3), np.float32)
+        self._core.read(PHOTON_ATTRIBUTE.value(attribute), values.ctypes.data, values.nbytes)
+        return values
 
     @property
     def info(self) -> PhotonMapInfo:

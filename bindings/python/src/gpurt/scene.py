@@ -21,6 +21,7 @@ from gpurt.device import Device, default_device, refuse_pickling
 from gpurt.errors import InvalidArgument
 from gpurt.frame import Frame
 from gpurt.image import Image
+from gpurt.photons import PhotonMap
 
 #: The primitive, geometry and instance of a ray that hits nothing.
 INVALID_ID = 0xFFFFFFFF
@@ -492,6 +493,24 @@ class Scene:
         return (points, positions, normals) if surface else points
 
     # ---- rendering ----
+
+    def trace_photons(self, num_paths: int = 0, *, seed: int = 0, pass_index: int = 0, frame_index: int = 0,
+                      max_depth: int = 0, radius: Optional[float] = None, levels: int = 1) -> PhotonMap:
+        """Photons from the lights of the last commit, as photon mapping traces and keeps them, in a map on the device.
+
+        Points are where a photon comes to a diffuse or rough surface, but for the first surface after the light. They have
+        fluxes in watts, normals and directions; a sum of fluxes over a disc divided by its area is irradiance.
+
+        :param num_paths: photons that leave the lights; 0: 1048576.
+        :param pass_index: which of the passes of a frame; with a frame's seed, frame_index and max_depth, and its
+            photons_per_pass for num_paths, the map holds the photons that the sample of this index gathers.
+        :param max_depth: of paths from the eye, as for render(); 0: 17.
+        :param radius: that queries will mostly have; None: one that holds about 50 points where they lie densely.
+        :param levels: grids, each with cells 4 times larger than the one before.
+
+        Raises InvalidArgument where nothing shines; OutOfMemory where fewer num_paths would fit.
+        """
+        return PhotonMap._trace(self, num_paths, seed, pass_index, frame_index, max_depth, radius, levels)
 
     def render(self, pipeline: str = "auto", *, width: int = 0, height: int = 0, spp: int = 0, error: float = 0,
                time: float = 0, seed: int = 0, camera: int = 0, outputs: Sequence[str] = ("color",),

@@ -690,10 +690,29 @@ pub struct gpurt_photon_map_desc {
     pub radius: f32,
     pub num_levels: u32,
 }
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct gpurt_photon_trace_desc {
+    pub struct_size: u32,
+    pub num_paths: u32,
+    pub seed: u64,
+    pub pass: u64,
+    pub frame_index: u32,
+    pub max_depth: u32,
+    pub radius: f32,
+    pub num_levels: u32,
+}
 extern "C" {
     pub fn gpurt_photon_map_create(
         device: gpurt_device,
         desc: *const gpurt_photon_map_desc,
+        out_map: *mut gpurt_photon_map,
+    ) -> gpurt_result;
+}
+extern "C" {
+    pub fn gpurt_photon_map_trace(
+        scene: gpurt_scene,
+        desc: *const gpurt_photon_trace_desc,
         out_map: *mut gpurt_photon_map,
     ) -> gpurt_result;
 }
@@ -716,11 +735,27 @@ pub struct gpurt_photon_map_info {
     pub fullest_cell: u32,
     pub memory_bytes: u64,
     pub build_seconds: f64,
+    pub has_directions: u32,
+    pub num_paths: u32,
 }
 extern "C" {
     pub fn gpurt_photon_map_get_info(
         map: gpurt_photon_map,
         out_info: *mut gpurt_photon_map_info,
+    ) -> gpurt_result;
+}
+pub const GPURT_PHOTON_ATTRIBUTE_POSITION: gpurt_photon_attribute = 0;
+pub const GPURT_PHOTON_ATTRIBUTE_FLUX: gpurt_photon_attribute = 1;
+pub const GPURT_PHOTON_ATTRIBUTE_NORMAL: gpurt_photon_attribute = 2;
+pub const GPURT_PHOTON_ATTRIBUTE_DIRECTION: gpurt_photon_attribute = 3;
+pub const GPURT_PHOTON_ATTRIBUTE_FORCE32: gpurt_photon_attribute = 2147483647;
+pub type gpurt_photon_attribute = ::std::os::raw::c_uint;
+extern "C" {
+    pub fn gpurt_photon_map_read(
+        map: gpurt_photon_map,
+        attribute: gpurt_photon_attribute,
+        data: *mut ::std::os::raw::c_void,
+        size_bytes: u64,
     ) -> gpurt_result;
 }
 extern "C" {

@@ -55,6 +55,7 @@ init! {
     gpurt_photon_map_desc {}
     gpurt_photon_map_info {}
     gpurt_photon_query_desc {}
+    gpurt_photon_trace_desc {}
 }
 
 impl Default for gpurt_array {

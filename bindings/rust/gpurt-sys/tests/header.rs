@@ -199,7 +199,8 @@ macro_rules! with_descriptors {
                 tile_size progress progress_user schedule photon reyes }
             gpurt_photon_map_desc { struct_size storage num_points positions fluxes normals radius num_levels }
             gpurt_photon_map_info { struct_size num_levels num_points bounds radius has_fluxes has_normals
-                fullest_cell memory_bytes build_seconds }
+                fullest_cell memory_bytes build_seconds has_directions num_paths }
+            gpurt_photon_trace_desc { struct_size num_paths seed pass frame_index max_depth radius num_levels }
             gpurt_photon_query_desc { struct_size query storage kernel num_queries positions normals min_cosine
                 radius radius_hint k counts sums offsets ids distances capacity coherence method }
             gpurt_state_info { struct_size width height camera outputs frame_index seed first_sample

@@ -334,6 +334,20 @@ c_enum! {
 }
 
 c_enum! {
+    /// What a map keeps of each point.
+    PhotonAttribute {
+        /// Where it is.
+        Position = GPURT_PHOTON_ATTRIBUTE_POSITION,
+        /// As it counts in sums.
+        Flux = GPURT_PHOTON_ATTRIBUTE_FLUX,
+        /// In steps of 1/127, of about unit length, or 0.
+        Normal = GPURT_PHOTON_ATTRIBUTE_NORMAL,
+        /// Of flight, unit length.
+        Direction = GPURT_PHOTON_ATTRIBUTE_DIRECTION,
+    }
+}
+
+c_enum! {
     /// How points within a radius are found.
     GatherMethod {
         /// In the cells of a grid.

@@ -61,7 +61,7 @@ pub use job::{Job, RenderDesc, Tile};
 pub use locate::{PatchPoint, PatchSurface};
 pub use mesh::{Mesh, Patches, Subdivision};
 pub use pipelines::{PhotonCounters, PhotonSettings, ReyesCounters, ReyesSettings};
-pub use photons::{NearestPoints, PhotonMap, PhotonMapDesc, PhotonMapInfo, PointLists, Within};
+pub use photons::{NearestPoints, PhotonMap, PhotonMapDesc, PhotonMapInfo, PhotonTraceDesc, PointLists, Within};
 pub use scene::{BuildDesc, Scene, SceneFacts};
 pub use schedule::{Schedule, ScheduleCounters};
 pub use trace::{AllHits, Hit, HitCompact, HitRecord, Ray, Tracer};

@@ -6,7 +6,7 @@ use std::ptr;
 
 use crate::callback::call;
 use crate::macros::c_path;
-use crate::{sys, Device, Error, GatherKernel, GatherMethod, Result};
+use crate::{sys, Device, Error, GatherKernel, GatherMethod, PhotonAttribute, Result, Scene};
 
 handle! {
     /// Points, with a flux and a normal each where they are wanted, sorted so that those near a place are found fast.
@@ -44,6 +44,26 @@ pub struct PhotonMapDesc<'a> {
     pub num_levels: u32,
 }
 
+/// Which photons of a scene a map holds. The default: a million paths of the first pass.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PhotonTraceDesc {
+    /// Photons that leave the lights; 0: 1048576.
+    pub num_paths: u32,
+    /// Of the random numbers.
+    pub seed: u64,
+    /// Which of the passes of a frame. With the frame's seed, `frame_index` and `max_depth`, and its `photons_per_pass`
+    /// for `num_paths`, the map holds the photons that the frame's sample of this index gathers.
+    pub pass: u64,
+    /// As of frames.
+    pub frame_index: u32,
+    /// Of paths from the eye, as of renders; 0: 17.
+    pub max_depth: u32,
+    /// As of [`PhotonMapDesc`].
+    pub radius: f32,
+    /// As of [`PhotonMapDesc`].
+    pub num_levels: u32,
+}
+
 filled_struct! {
     /// What a map is.
     PhotonMapInfo: gpurt_photon_map_info as raw {
@@ -62,12 +82,16 @@ filled_struct! {
             memory_bytes: u64,
             /// On a CUDA device: of the device, without copies from the host.
             build_seconds: f64,
+            /// Photons that left the lights for it; 0: the points are the caller's.
+            num_paths: u32,
         }
         converted {
             /// Whether sums can be asked for.
             has_fluxes: bool = raw.has_fluxes != 0,
             /// Whether queries may have normals.
             has_normals: bool = raw.has_normals != 0,
+            /// Whether points have directions of flight: those of [`PhotonMap::trace`].
+            has_directions: bool = raw.has_directions != 0,
         }
     }
 }
@@ -169,6 +193,37 @@ impl PhotonMap {
         // SAFETY: the handle is valid; the arrays have the lengths that the library reads, during the call.
         call(|| unsafe { sys::gpurt_photon_map_create(device.as_raw(), &raw, &mut map) })?;
         Ok(PhotonMap::own(map, device.callbacks().clone()))
+    }
+
+    /// Traces photons from the lights of a scene's last commit, as photon mapping does and keeps them, to a map on the
+    /// scene's device.
+    ///
+    /// Points are where a photon comes to a diffuse or rough surface, but for the first surface after the light. They
+    /// have fluxes in watts, normals and directions; a sum of fluxes over a disc divided by its area is irradiance.
+    pub fn trace(scene: &Scene, desc: &PhotonTraceDesc) -> Result<Self> {
+        let raw = sys::gpurt_photon_trace_desc {
+            num_paths: desc.num_paths,
+            seed: desc.seed,
+            pass: desc.pass,
+            frame_index: desc.frame_index,
+            max_depth: desc.max_depth,
+            radius: desc.radius,
+            num_levels: desc.num_levels,
+            ..Default::default()
+        };
+        let mut map = ptr::null_mut();
+        // SAFETY: the handle is valid; the output lives during the call.
+        call(|| unsafe { sys::gpurt_photon_map_trace(scene.as_raw(), &raw, &mut map) })?;
+        Ok(PhotonMap::own(map, scene.callbacks().clone()))
+    }
+
+    /// What the map keeps of its points, in the order of ids.
+    pub fn read(&self, attribute: PhotonAttribute) -> Result<Vec<[f32; 3]>> {
+        let mut values = vec![[0.0; 3]; self.info()?.num_points as usize];
+        let (data, size) = (values.as_mut_ptr() as *mut c_void, std::mem::size_of_val(&values[..]) as u64);
+        // SAFETY: the handle is valid; the output has the size that is given, and is borrowed mutably.
+        call(|| unsafe { sys::gpurt_photon_map_read(self.as_raw(), attribute as u32, data, size) })?;
+        Ok(values)
     }
 
     /// Reads a map that [`save`](PhotonMap::save) wrote.

@@ -1,6 +1,7 @@
 //! Photon maps.
 use gpurt::{
-    Device, Error, GatherKernel, GatherMethod, PhotonMap, PhotonMapDesc, Within, INVALID_ID,
+    Device, Error, GatherKernel, GatherMethod, PhotonAttribute, PhotonMap, PhotonMapDesc, PhotonTraceDesc,
+    Within, INVALID_ID,
 };
 
 use crate::room;
@@ -71,6 +72,30 @@ fn maps_are_told_saved_and_loaded() {
     let chosen = PhotonMap::new(&room::cpu(), &plain).unwrap();
     assert!(chosen.info().unwrap().radius > 0.05);
     assert!(matches!(chosen.sum(&PLACES, &within), Err(Error::InvalidArgument(text)) if text.contains("fluxes")));
+}
+
+#[test]
+fn photons_of_a_scene() {
+    let scene = room::describe(&room::cpu());
+    let desc = PhotonTraceDesc { num_paths: 10000, seed: 1, ..Default::default() };
+    assert!(matches!(PhotonMap::trace(&scene, &desc), Err(Error::InvalidArgument(text)) if text.contains("committed")));
+    scene.commit().unwrap();
+    let map = PhotonMap::trace(&scene, &desc).unwrap();
+    let info = map.info().unwrap();
+    assert!(info.num_paths == 10000 && info.has_directions && info.num_points > 5000);
+    let normals = map.read(PhotonAttribute::Normal).unwrap();
+    let directions = map.read(PhotonAttribute::Direction).unwrap();
+    assert_eq!(normals.len() as u64, info.num_points);
+    assert!(normals.iter().zip(&directions).all(|(n, d)| n[0] * d[0] + n[1] * d[1] + n[2] * d[2] < 0.0));
+    let fluxes = map.read(PhotonAttribute::Flux).unwrap();
+    let sum: f32 = fluxes.iter().map(|f| f[0]).sum();
+    let found = map.sum(&[[0.0; 3]], &Within::new(9.0)).unwrap();
+    assert!((found[0][0] / sum - 1.0).abs() < 1e-3);
+    let other = PhotonMap::trace(&scene, &PhotonTraceDesc { pass: 1, ..desc }).unwrap();
+    assert_ne!(
+        other.read(PhotonAttribute::Position).unwrap()[0],
+        map.read(PhotonAttribute::Position).unwrap()[0]
+    );
 }
 
 #[test]
