@@ -3,8 +3,9 @@
 Writes tests.json, stability.csv (rows of the failure catalogue), references.json, sanitizer.json, bench.jsonl (one line
 a case) and log.txt into $OUT. Reference
 images need the folder of the scenes: --scenes, or $GPURT_TEST_SCENES, or .gpu/scenes, shared/scenes or
-../shared/scenes where one of these is there. The sanitizer needs compute-sanitizer, on the PATH or in
-/usr/local/cuda/bin. Fails if a test or a benchmark failed, if a CUDA test was skipped, or if none ran.
+../shared/scenes where one of these is there. The sanitizer needs compute-sanitizer, on the PATH, in /usr/local/cuda/bin
+or where $SANITIZER says. Fails if a test or a benchmark failed, if a CUDA test was skipped, if none ran, if the time that
+was given ended before all had run, or if --stages names the sanitizer and there is none.
 """
 
 import argparse
@@ -25,22 +26,36 @@ CUDA_FILTER = "*cuda*:*Cuda*:*CUDA*"
 PAIR_FILTER = "CudaPair.*"
 REFERENCES = TREE / "tests" / "image" / "test_references"
 SCENE_FOLDERS = (".gpu/scenes", "shared/scenes", "../shared/scenes")
+# What ended because there was no time left for anything, rather than by itself or after too long a time of its own.
+OUT_OF_TIME = 125
 # What the sanitizer looks at: every kernel, in the short form of the tests (GPURT_TEST_SHORT).
 SANITIZED = {
-    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*",
-    "cuda/cuda_images": "CudaImages.Of*:CudaImages.AreTheSameInLittleMemory",
-    "cuda/cuda_photon_images": "CudaPhotonImages.Of*:CudaPhotonImages.AreTheSameInLittleMemory",
-    "cuda/cuda_reyes": "CudaReyes.Of*:CudaReyes.At*:CudaReyes.IsTheSameInLittleMemory",
-    "cuda/cuda_schedules": "CudaSchedules.OfQueriesGive*:CudaSchedules.OfRenders*:CudaSchedules.CountLanes*",
+    "conformance/test_hits": "Meshes/*Hits.*/cuda_*",
+    "conformance/test_photons": "Cuda*Nearest*:Cuda*NoneInAn*:Cuda*Chooses*:Cuda*File*",
     "cuda/cuda_device": "CudaDevice.*:CudaMemory.RunsOutAtTheLimit*:CudaMemory.OfLittle*:CudaMemory.IsGivenBack:CudaThreads.*",
     "cuda/cuda_device_memory": "*Cuda*",
+    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*:CudaFast*:CudaCoherence.*",
+    "cuda/cuda_images": "CudaImages.Of*:CudaImages.AreTheSameInLittleMemory",
+    "cuda/cuda_photon_images": "CudaPhotonImages.Of*:CudaPhotonImages.AreTheSameInLittleMemory",
     "cuda/cuda_photon_memory": "*Cuda*",
-    "conformance/test_photons": "Cuda*Nearest*:Cuda*NoneInAn*:Cuda*Chooses*:Cuda*File*",
+    "cuda/cuda_reyes": "CudaReyes.Of*:CudaReyes.At*:CudaReyes.IsTheSameInLittleMemory:CudaReyesBlending.Of*:"
+                       "CudaReyesBlending.IsTheSameInLittleMemory:CudaReyesSchedules.Give*",
+    "cuda/cuda_schedules": "CudaSchedules.OfQueries*:CudaSchedules.OfRenders*:CudaSchedules.CountLanes*:"
+                           "CudaSchedules.PoolsRefill*",
+    "unit/test_device_bvh": "CudaBvh.*-CudaBvh.EndWhere*:CudaBvh.AreTheSame*",
+    "unit/test_device_kd": "CudaKd.*-CudaKd.AreTheSame*:CudaKd.Cost*",
 }
-# Races are looked for, at some fifty times the run time, where threads of a block share memory.
+# Races are looked for, at some fifty times the run time, where threads of a block share memory: warps that refill, packets
+# and the uber-kernel, builders, queues of paths and photons, REYES with its fragments and splits, lanes that are counted.
 RACE_CHECKED = {
-    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*",
+    "conformance/test_photons": "Cuda*Nearest*",
+    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*:CudaCoherence.*",
     "cuda/cuda_images": "CudaImages.OfACornellBox*:CudaImages.AreTheSameInLittleMemory",
+    "cuda/cuda_photon_images": "CudaPhotonImages.OfACornellBox*",
+    "cuda/cuda_reyes": "CudaReyes.OfCoincident*:CudaReyesBlending.OfShells*:CudaReyesSchedules.GiveOneImage*",
+    "cuda/cuda_schedules": "CudaSchedules.OfQueriesGive*:CudaSchedules.CountLanes*",
+    "unit/test_device_bvh": "CudaBvh.LeavesHold*:CudaBvh.AreRefittedTo*",
+    "unit/test_device_kd": "CudaKd.LeavesHold*",
 }
 
 
@@ -57,17 +72,20 @@ class Run:
         return max(self.end - time.monotonic(), 0.0)
 
     def command(self, command, timeout, **environment):
-        """Runs a command; returns (exit status, what it printed, seconds). 124 where it ran past the timeout."""
+        """Runs a command; returns (exit status, what it printed, seconds). 124 where it ran past the timeout, OUT_OF_TIME
+        where that was all the time left."""
         self.log.write(f"$ {' '.join(f'{k}={v}' for k, v in environment.items())} {' '.join(map(str, command))}\n")
         self.log.flush()
         start = time.monotonic()
+        left = self.left()
         try:
             done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                                  errors="replace", timeout=max(min(timeout, self.left()), 1.0),
+                                  errors="replace", timeout=max(min(timeout, left), 1.0),
                                   env={**os.environ, **environment})
             status, text = done.returncode, done.stdout
         except subprocess.TimeoutExpired as expired:
-            status, text = 124, (expired.stdout or b"").decode(errors="replace") + "\ntimed out\n"
+            status = OUT_OF_TIME if left < timeout else 124
+            text = (expired.stdout or b"").decode(errors="replace") + "\ntimed out\n"
         self.log.write(f"{text}\nexit status {status}\n")
         self.log.flush()
         return status, text, time.monotonic() - start
@@ -149,7 +167,7 @@ def run_tests(run, program, test_filter, timeout):
     while left:
         if run.left() < 5:
             for test in left:
-                add(test, "failed", 0.0, "not run: no time left")
+                add(test, "not run", 0.0, "no time left")
             break
         # Line by line, so that what a test printed is there when it crashes.
         by_line = ["stdbuf", "-oL"] if shutil.which("stdbuf") else []
@@ -157,6 +175,9 @@ def run_tests(run, program, test_filter, timeout):
                                             GPURT_STABILITY_RESULTS=str((run.out / "stability.csv").resolve()))
         done = results_in(text)
         for test, result, test_seconds, printed in done:
+            if test_seconds is None and status == OUT_OF_TIME:
+                add(test, "not run", 0.0, f"no time left: cut off after {seconds:.0f} s of the program")
+                continue
             if test_seconds is None:
                 printed += f"\nthe program ended here: exit status {status}\n"
                 if status < 0:
@@ -167,6 +188,8 @@ def run_tests(run, program, test_filter, timeout):
         before = len(left)
         names = {test for test, *_ in done}
         left = [test for test in left if test not in names]
+        if status == OUT_OF_TIME:
+            continue
         if len(left) == before or (status != 0 and not left and all(r == "passed" for _, r, _, _ in done)):
             add("(the program)", "failed", seconds, f"exit status {status}\n{text[-2000:]}")
             break
@@ -186,9 +209,10 @@ def stage_tests(run, about, args):
         tests += found
         print(f"{program.relative_to(TREE)}: {len(found)} tests, {time.monotonic() - start:.1f} s", flush=True)
         run.write("tests.json", about, "tests", tests)
-    count = {result: sum(test["result"] == result for test in tests) for result in ("passed", "failed", "skipped")}
-    print(f"{count['passed']} passed, {count['failed']} failed, {count['skipped']} skipped", flush=True)
-    run.ok = run.ok and count["passed"] > 0 and count["failed"] == 0 and count["skipped"] == 0
+    count = {result: sum(test["result"] == result for test in tests)
+             for result in ("passed", "failed", "skipped", "not run")}
+    print(", ".join(f"{n} {result}" for result, n in count.items()), flush=True)
+    run.ok = run.ok and count["passed"] > 0 and count["passed"] == len(tests)
 
 
 def stage_references(run, about, args):
@@ -204,13 +228,16 @@ def stage_references(run, about, args):
     for test in list_tests(REFERENCES, "*"):
         if run.left() < 5:
             cases.append({"test": test, "result": "not run", "message": "no time left"})
+            run.ok = False
+            run.write("references.json", {**about, "samples_per_pixel": args.spp}, "cases", cases)
             continue
         status, text, seconds = run.command([REFERENCES, f"--gtest_filter={test}"], args.timeout,
                                             GPURT_TEST_DEVICE="cuda", GPURT_TEST_SPP=str(args.spp),
                                             GPURT_TEST_SCENES=str(scenes))
         lines = [line for line in text.splitlines() if " spp: relMSE " in line]
         skipped = "[  SKIPPED ]" in text
-        result = "skipped" if skipped else "passed" if status == 0 else "failed"
+        result = ("not run" if status == OUT_OF_TIME else
+                  "skipped" if skipped else "passed" if status == 0 else "failed")
         cases.append({"test": test, "result": result, "seconds": round(seconds, 2), "line": "\n".join(lines),
                       "message": "" if result == "passed" else text[-2000:]})
         print(f"{result}: {lines[0] if lines else test} ({seconds:.1f} s)", flush=True)
@@ -221,22 +248,29 @@ def stage_references(run, about, args):
 
 
 def stage_sanitizer(run, about, args):
-    sanitizer = find_program("compute-sanitizer")
+    sanitizer = os.environ.get("SANITIZER") or find_program("compute-sanitizer")
     if sanitizer is None:
         print("no compute-sanitizer found", flush=True)
         run.write("sanitizer.json", about, "runs", [])
+        run.ok = run.ok and args.stages is None
         return
     results = []
     for tool in args.sanitizer_tools.split(","):
         programs = RACE_CHECKED if tool in ("racecheck", "synccheck") else SANITIZED
         for name, test_filter in programs.items():
             program = TREE / "tests" / name
-            status, text, seconds = run.command(
-                [sanitizer, "--tool", tool, "--error-exitcode", "97", program, f"--gtest_filter={test_filter}"],
-                args.timeout, GPURT_TEST_SHORT="1")
+            status, text, seconds = OUT_OF_TIME, "", 0.0
+            if run.left() >= 5:
+                # Line by line, so that what it did is there when it is cut off.
+                by_line = ["stdbuf", "-oL"] if shutil.which("stdbuf") else []
+                status, text, seconds = run.command(
+                    [*by_line, sanitizer, "--tool", tool, "--error-exitcode", "97", program,
+                     f"--gtest_filter={test_filter}"], args.timeout, GPURT_TEST_SHORT="1")
             summary = [line for line in text.splitlines() if "ERROR SUMMARY" in line or "RACECHECK SUMMARY" in line]
             tests = [{"test": test, "result": result, "seconds": s} for test, result, s, _ in results_in(text)]
-            result = "passed" if status == 0 and tests else "failed"
+            if status == OUT_OF_TIME:
+                tests = [test for test in tests if test["seconds"] is not None]
+            result = "not run" if status == OUT_OF_TIME else "passed" if status == 0 and tests else "failed"
             results.append({"tool": tool, "program": name, "result": result, "exit_status": status,
                             "summary": summary, "seconds": round(seconds, 1), "tests": tests,
                             "message": "" if result == "passed" else text[:8000]})
@@ -264,7 +298,7 @@ def main():
               "bench": stage_bench}
     parser = argparse.ArgumentParser(prog="scripts/gpu run", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--stages", default=",".join(stages), help="what to run, in order (default: %(default)s)")
+    parser.add_argument("--stages", help=f"what to run, in order (default: {','.join(stages)})")
     parser.add_argument("--filter", default=CUDA_FILTER, help="GoogleTest filter of the tests (default: %(default)s)")
     parser.add_argument("--scenes", help="folder of the reference scenes")
     parser.add_argument("--spp", type=int, default=4096, help="samples of a reference image (default: %(default)s)")
@@ -274,7 +308,7 @@ def main():
     parser.add_argument("--timeout", type=float, default=240, help="seconds for one program (default: %(default)s)")
     parser.add_argument("--budget", type=float, default=86400, help="seconds for everything")
     args = parser.parse_args()
-    chosen = args.stages.split(",")
+    chosen = list(stages) if args.stages is None else args.stages.split(",")
     if not set(chosen) <= set(stages):
         parser.error(f"--stages: choose of {', '.join(stages)}")
 
