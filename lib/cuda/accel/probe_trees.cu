@@ -2,6 +2,7 @@
 
 #include "cuda/accel/bvh_walk.h"
 #include "cuda/accel/quad_walk.h"
+#include "cuda/warp_reduce.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -29,7 +30,7 @@ __device__ Ray probe_ray(const SceneView &scene, uint32_t num_triangles, float t
 __device__ void add_up(TreeWork &work, TreeWork own)
 {
   const auto add = [](unsigned long long &sum, unsigned long long x) {
-    const uint32_t all = __reduce_add_sync(~0u, uint32_t(x));
+    const uint32_t all = warp_sum(uint32_t(x));
     if (threadIdx.x % 32 == 0) atomicAdd(&sum, static_cast<unsigned long long>(all));
   };
   add(work.rays, own.rays);

@@ -3,6 +3,7 @@
 #include "cuda/launch.h"
 #include "cuda/path/pool.h"
 #include "cuda/path/pool_places.h"
+#include "cuda/warp_reduce.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -102,7 +103,7 @@ __global__ void __launch_bounds__(block_size)
   const uint64_t i = thread_item();
   const float largest = i < n ? add(uint32_t(i)) : 0.0f;
   // The bits of positive floats are ordered as the floats.
-  const unsigned of_warp = __reduce_max_sync(~0u, float_bits(largest));
+  const unsigned of_warp = warp_max(float_bits(largest));
   if (threadIdx.x % warp_size == 0 && of_warp > *largest_bits) atomicMax(largest_bits, of_warp);
 }
 

@@ -3,6 +3,7 @@
 #include "cuda/launch.h"
 #include "cuda/path/pool_places.h"
 #include "cuda/photon/eye_paths.h"
+#include "cuda/warp_reduce.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -42,7 +43,7 @@ __global__ void __launch_bounds__(block_size)
     wave.points[path].missed = missed;
     goes_on = goes_on && trials.first + num_tried < max_disc_trials;
   }
-  const unsigned num_tried_of_warp = __reduce_add_sync(~0u, num_tried);
+  const unsigned num_tried_of_warp = warp_sum(num_tried);
   if (threadIdx.x % warp_size == 0 && num_tried_of_warp != 0)
     atomicAdd(&wave.numbers->num_probes, static_cast<unsigned long long>(num_tried_of_warp));
   const uint32_t place = take_place(goes_on, &wave.numbers->next, places);

@@ -2,6 +2,7 @@
 #include "cuda/launch.h"
 #include "cuda/path/pool_places.h"
 #include "cuda/photon/eye_paths.h"
+#include "cuda/warp_reduce.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -83,8 +84,8 @@ __global__ void __launch_bounds__(block_size)
     num_gathered += sum.num_photons;
   }
   // The bits of positive floats are ordered as the floats.
-  const unsigned largest_of_warp = __reduce_max_sync(~0u, float_bits(largest));
-  num_visible = __reduce_add_sync(~0u, num_visible);
+  const unsigned largest_of_warp = warp_max(float_bits(largest));
+  num_visible = warp_sum(num_visible);
   for (int step = warp_size / 2; step != 0; step /= 2)
     num_gathered += __shfl_xor_sync(~0u, num_gathered, step);
   if (threadIdx.x % warp_size != 0) return;

@@ -1,6 +1,7 @@
 // Looks through points: their bounds, and the first ones that are not allowed. And through a table: how full it is.
 #include "cuda/launch.h"
 #include "cuda/photon/kernels.h"
+#include "cuda/warp_reduce.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -17,13 +18,6 @@ __host__ __device__ float from_ordered_bits(uint32_t bits)
 {
   return float_from_bits((bits & 0x80000000u) != 0 ? bits & 0x7fffffffu : ~bits);
 }
-
-__device__ uint32_t warp_min(uint32_t x)
-{
-  for (int step = 16; step != 0; step /= 2) x = min(x, __shfl_xor_sync(~0u, x, step));
-  return x;
-}
-__device__ uint32_t warp_max(uint32_t x) { return ~warp_min(~x); }
 
 __device__ bool is_flux(Vec3f f)
 {

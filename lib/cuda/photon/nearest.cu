@@ -6,6 +6,7 @@
 // which photons are met: the answer is that of any other exact search.
 #include "cuda/launch.h"
 #include "cuda/photon/kernels.h"
+#include "cuda/warp_reduce.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -15,24 +16,6 @@ constexpr unsigned all_lanes = ~0u;
 // Blocks of a multiprocessor that registers must leave room for: more warps in flight are worth what is spilled.
 constexpr unsigned min_blocks = 12;
 
-__device__ uint32_t warp_sum(uint32_t x)
-{
-#if __CUDA_ARCH__ >= 800
-  return __reduce_add_sync(all_lanes, x);
-#else
-  for (int step = 16; step != 0; step /= 2) x += __shfl_xor_sync(all_lanes, x, step);
-  return x;
-#endif
-}
-__device__ uint32_t warp_or(uint32_t x)
-{
-#if __CUDA_ARCH__ >= 800
-  return __reduce_or_sync(all_lanes, x);
-#else
-  for (int step = 16; step != 0; step /= 2) x |= __shfl_xor_sync(all_lanes, x, step);
-  return x;
-#endif
-}
 // What a warp keeps. Squared distances are bits of floats, which have the order of the floats.
 template <uint32_t Capacity>
 struct alignas(16) Kept {

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "core/math/vec.h"
+#include "cuda/warp_reduce.h"
 
 #if defined(__CUDACC__)
 #define GPURT_GROUP __device__ inline
@@ -53,25 +54,6 @@ GPURT_GROUP void lower_by_warp(uint64_t *target, uint64_t x)
     x = other < x ? other : x;
   }
   if (threadIdx.x % warp_size == 0) lower_to(target, x);
-}
-
-GPURT_GROUP int warp_min(int x)
-{
-#if __CUDA_ARCH__ >= 800
-  return __reduce_min_sync(~0u, x);
-#else
-  for (unsigned step = warp_size / 2; step != 0; step /= 2) x = min(x, __shfl_xor_sync(~0u, x, step));
-  return x;
-#endif
-}
-GPURT_GROUP int warp_max(int x)
-{
-#if __CUDA_ARCH__ >= 800
-  return __reduce_max_sync(~0u, x);
-#else
-  for (unsigned step = warp_size / 2; step != 0; step /= 2) x = max(x, __shfl_xor_sync(~0u, x, step));
-  return x;
-#endif
 }
 
 class BlockGroup {

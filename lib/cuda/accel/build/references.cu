@@ -4,6 +4,7 @@
 #include "core/accel/degenerate.h"
 #include "cuda/accel/build/kernels.h"
 #include "cuda/launch.h"
+#include "cuda/warp_reduce.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -35,7 +36,7 @@ __global__ void __launch_bounds__(threads)
   }
   extend_by_all(group, counters->bounds, bounds);
   extend_by_all(group, counters->centers, centers);
-  num_degenerate = __reduce_add_sync(~0u, num_degenerate);
+  num_degenerate = warp_sum(num_degenerate);
   if (threadIdx.x % warp_size == 0 && num_degenerate != 0) add_to(&counters->num_degenerate, num_degenerate);
 }
 
