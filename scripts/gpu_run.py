@@ -44,6 +44,7 @@ SANITIZED = {
                            "CudaSchedules.PoolsRefill*",
     "unit/test_device_bvh": "CudaBvh.*-CudaBvh.EndWhere*:CudaBvh.AreTheSame*",
     "unit/test_device_kd": "CudaKd.*-CudaKd.AreTheSame*:CudaKd.Cost*",
+    "unit/test_device_pool": "CudaPool.*",
 }
 # Races are looked for, at some fifty times the run time, where threads of a block share memory: warps that refill, packets
 # and the uber-kernel, builders, queues of paths and photons, REYES with its fragments and splits, lanes that are counted.

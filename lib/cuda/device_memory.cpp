@@ -1,9 +1,25 @@
 #include "cuda/device_memory.h"
 
+#include <algorithm>
+
 #include "error.h"
 #include "memory.h"
 
 namespace gpurt::cuda {
+namespace {
+
+// A pool takes the device's memory in blocks of this size, whatever is asked of it.
+constexpr uint64_t pool_block_bytes = uint64_t(32) << 20;
+
+// What a pool may hold, free blocks among it, so that a limit is kept by what the device gives away: 0 for no limit. Below one
+// block there is no less than that.
+uint64_t most_pool_bytes(uint64_t limit_bytes)
+{
+  if (limit_bytes == 0) return 0;
+  return std::max(limit_bytes / pool_block_bytes, uint64_t(1)) * pool_block_bytes;
+}
+
+}  // namespace
 
 DeviceScope::DeviceScope(int ordinal)
 {
@@ -43,6 +59,7 @@ void DeviceMemory::make_pool()
   properties.allocType = cudaMemAllocationTypePinned;
   properties.location.type = cudaMemLocationTypeDevice;
   properties.location.id = ordinal_;
+  properties.maxSize = most_pool_bytes(tracker_->limit());
   check(cudaMemPoolCreate(&pool_, &properties), "cudaMemPoolCreate");
   uint64_t keep_all = UINT64_MAX;
   check(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &keep_all),
@@ -56,6 +73,17 @@ void DeviceMemory::drop_pool() noexcept
   if (stream_ != nullptr) ignore(cudaStreamDestroy(stream_));
 }
 
+cudaError_t DeviceMemory::take_from_pool(void **data, uint64_t bytes, cudaStream_t stream)
+{
+  cudaError_t status = cudaMallocFromPoolAsync(data, bytes, pool_, stream);
+  if (status != cudaErrorMemoryAllocation) return status;
+  // Free blocks of other sizes may stand in the way: give them back to the device and try once more.
+  (void)cudaGetLastError();
+  check(cudaStreamSynchronize(stream_), "cudaStreamSynchronize");
+  check(cudaMemPoolTrimTo(pool_, 0), "cudaMemPoolTrimTo");
+  return cudaMallocFromPoolAsync(data, bytes, pool_, stream);
+}
+
 void *DeviceMemory::allocate(uint64_t bytes, const char *what)
 {
   if (bytes == 0) return nullptr;
@@ -66,18 +94,19 @@ void *DeviceMemory::allocate(uint64_t bytes, const char *what)
   if (pool_ == nullptr) {
     status = cudaMalloc(&data, bytes);
   } else {
-    status = cudaMallocFromPoolAsync(&data, bytes, pool_, stream_);
-    if (status == cudaErrorMemoryAllocation) {
-      // Free blocks of other sizes may stand in the way: give them back to the device and try once more.
-      (void)cudaGetLastError();
-      check(cudaStreamSynchronize(stream_), "cudaStreamSynchronize");
-      check(cudaMemPoolTrimTo(pool_, 0), "cudaMemPoolTrimTo");
-      status = cudaMallocFromPoolAsync(&data, bytes, pool_, stream_);
-    }
+    status = take_from_pool(&data, bytes, stream_);
     if (status == cudaSuccess) status = cudaStreamSynchronize(stream_);
   }
   if (status == cudaErrorMemoryAllocation) {
     (void)cudaGetLastError();
+    const uint64_t limit = tracker_->limit();
+    if (limit != 0 && pool_ != nullptr && held_bytes() + bytes + pool_block_bytes > limit) {
+      fail(GPURT_ERROR_OUT_OF_MEMORY,
+           "{} needs {} bytes, and of the memory limit of {} bytes no such piece is left: memory comes in "
+           "blocks of {} bytes, and {} are in use; raise memory_limit_bytes or make the scene or frame "
+           "smaller",
+           what, bytes, limit, pool_block_bytes, tracker_->used() - bytes);
+    }
     size_t free_bytes = 0, total_bytes = 0;
     ignore(cudaMemGetInfo(&free_bytes, &total_bytes));
     fail(GPURT_ERROR_OUT_OF_MEMORY,
@@ -100,6 +129,16 @@ void DeviceMemory::free(void *data, uint64_t bytes) noexcept
   else ignore(cudaFreeAsync(data, stream_));
   if (caller >= 0 && caller != ordinal_) ignore(cudaSetDevice(caller));
   tracker_->release(bytes);
+}
+
+uint64_t DeviceMemory::held_bytes() const
+{
+  uint64_t bytes = 0;
+  if (pool_ != nullptr) {
+    check(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrReservedMemCurrent, &bytes),
+          "cudaMemPoolGetAttribute");
+  }
+  return bytes;
 }
 
 void DeviceMemory::wait_for_default_stream() noexcept
@@ -125,7 +164,7 @@ void *DeviceMemory::allocate_on(cudaStream_t stream, uint64_t bytes)
   try {
     Reservation reserved(tracker_, bytes, "a batch's working memory");
     void *data = nullptr;
-    const cudaError_t status = cudaMallocFromPoolAsync(&data, bytes, pool_, stream);
+    const cudaError_t status = take_from_pool(&data, bytes, stream);
     if (status == cudaErrorMemoryAllocation) {
       (void)cudaGetLastError();
       return nullptr;

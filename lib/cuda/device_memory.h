@@ -29,7 +29,8 @@ class DeviceScope {
 };
 
 /// Where buffers come from. Freed blocks stay in a pool of the device for the next call, and go back to it before any
-/// allocation fails. Used from any thread.
+/// allocation fails. The limit holds for what buffers take, and for what the pool holds: in blocks of 32 MiB, of which there are
+/// as many as the limit has room for, and at least one. Used from any thread.
 class DeviceMemory {
  public:
   /// The device `ordinal` must be current.
@@ -39,6 +40,8 @@ class DeviceMemory {
   DeviceMemory &operator=(const DeviceMemory &) = delete;
 
   int ordinal() const { return ordinal_; }
+  /// What the device has given away to the pool: more than is used. 0 where the device has no pools.
+  uint64_t held_bytes() const;
   const std::shared_ptr<MemoryTracker> &tracker() const { return tracker_; }
 
   /// Memory that every stream may use at once. Throws OUT_OF_MEMORY naming `what`.
@@ -55,6 +58,7 @@ class DeviceMemory {
  private:
   void make_pool();
   void drop_pool() noexcept;
+  cudaError_t take_from_pool(void **data, uint64_t bytes, cudaStream_t stream);
 
   const int ordinal_;
   const std::shared_ptr<MemoryTracker> tracker_;
