@@ -150,10 +150,13 @@ struct PhotonPilot {
     Vec3f position;
     uint32_t normal_code;
   };
-  std::vector<Photon> photons;
   std::vector<Point> points;
-  Reservation photon_bytes;  // of photons, where they count as the device's memory
+  uint64_t num_photons = 0;
 };
+
+/// Takes some of a pilot's photons, and all of its points, which come with every call.
+using TakePilotPhotons =
+    std::function<void(std::span<const PhotonPilot::Point> points, std::span<const Photon> photons)>;
 
 /// One pass: units in any order, on all workers of the backend.
 struct RenderPass {
@@ -191,10 +194,12 @@ class CommittedScene {
   virtual void require_photon_statistics() const;
   /// Samples that units of photon mapping may have.
   virtual uint64_t most_photon_passes() const { return 1; }
-  /// Traces num_photons and finds the visible points of pixels in points_per_axis^2 places of the image. The same bits on
-  /// every device. Throws UNSUPPORTED, OUT_OF_MEMORY.
+  /// Finds the visible points of pixels in points_per_axis^2 places of the image, and traces num_paths photon paths, whose
+  /// photons come in parts, in any order, so that memory need not hold them all. The same points and photons on every
+  /// device. Throws UNSUPPORTED, OUT_OF_MEMORY.
   virtual PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission,
-                                   uint32_t num_photons, uint32_t points_per_axis) const;
+                                   uint32_t num_paths, uint32_t points_per_axis,
+                                   const TakePilotPhotons &take) const;
   /// A map of the photons of a pass on the scene's device, sorted by (path, bounce); of `settings` the seed, the frame and
   /// the depth count. The same photons on every device. Throws UNSUPPORTED, OUT_OF_MEMORY.
   virtual std::shared_ptr<const PhotonMap> photon_map(const PathSettings &settings,
@@ -232,7 +237,7 @@ inline void CommittedScene::require_photon_statistics() const
 }
 
 inline PhotonPilot CommittedScene::photon_pilot(const PathSettings &, const EmissionView &, uint32_t,
-                                                uint32_t) const
+                                                uint32_t, const TakePilotPhotons &) const
 {
   require_photons();
   return {};

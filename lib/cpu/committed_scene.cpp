@@ -62,9 +62,10 @@ void CpuScene::render(const RenderPass &pass) const
 }
 
 PhotonPilot CpuScene::photon_pilot(const PathSettings &settings, const EmissionView &emission,
-                                   uint32_t num_photons, uint32_t points_per_axis) const
+                                   uint32_t num_paths, uint32_t points_per_axis,
+                                   const TakePilotPhotons &take) const
 {
-  return photon_pilot_on_cpu(settings, emission, num_photons, points_per_axis,
+  return photon_pilot_on_cpu(settings, emission, num_paths, points_per_axis, take,
                              {accel(), view_, photon_kernels(cpu_kernels().isa), *arena_, memory_});
 }
 

@@ -19,8 +19,8 @@ class CpuScene final : public CommittedScene {
   void render(const RenderPass &pass) const override;
   void require_photons() const override {}
   void require_photon_statistics() const override {}
-  PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
-                           uint32_t points_per_axis) const override;
+  PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_paths,
+                           uint32_t points_per_axis, const TakePilotPhotons &take) const override;
   std::shared_ptr<const PhotonMap> photon_map(const PathSettings &settings, const EmissionView &emission,
                                               const ScenePhotonRequest &request) const override;
   void require_reyes() const override {}

@@ -128,11 +128,11 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   void require_photons() const override {}
   void require_photon_statistics() const override {}
   uint64_t most_photon_passes() const override { return cuda::most_photon_passes; }
-  PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
-                           uint32_t points_per_axis) const override
+  PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_paths,
+                           uint32_t points_per_axis, const TakePilotPhotons &take) const override
   {
     const DeviceScope scope(device_->memory->ordinal());
-    return photon_pilot_on_device(settings, emission, num_photons, points_per_axis, trace_scene_,
+    return photon_pilot_on_device(settings, emission, num_paths, points_per_axis, take, trace_scene_,
                                   device_->memory, device_->lanes);
   }
 

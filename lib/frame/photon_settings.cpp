@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <iterator>
 #include <limits>
 
 #include "core/photon/gather_photons.h"
@@ -121,8 +120,6 @@ float choose_initial_radius(const CommittedScene &scene, const PathSettings &pat
   // Where nothing is gathered any radius does.
   const float largest = emission.radius > 0 ? emission.radius : 1.0f;
   if (!emission.cdf) return largest * 0x1p-7f;
-  const PhotonPilot pilot = scene.photon_pilot(path, emission, pilot_photons, pilot_points_per_axis);
-
   // A large pass stands for several of the pilot's size, whose radii would have fallen as the cube root of their number: it
   // gets the radius that they end with. The pilot's photons are denser or sparser than those of the pass that the radius is
   // for: an area that has n of the pass has this many of the pilot. At least one photon tells a distance.
@@ -132,28 +129,33 @@ float choose_initial_radius(const CommittedScene &scene, const PathSettings &pat
   const uint64_t k = uint64_t(std::min(wanted, 4096.0));
   const double scale = std::sqrt(photons_in_radius * ratio / double(k));
   const int threshold = normal_threshold(gather_min_cosine);
-  std::vector<float> radius_of(pilot.points.size(), -1.0f);  // below 0: fewer than k photons
-  tbb::parallel_for(size_t(0), pilot.points.size(), [&](size_t i) {
-    const PhotonPilot::Point &point = pilot.points[i];
-    std::vector<float> nearest;  // squares of the k smallest distances, as a heap
-    for (const Photon &photon : pilot.photons) {
-      const float distance2 = length2(photon.position - point.position);
-      if (nearest.size() == k && !(distance2 < nearest.front())) continue;
-      if (normal_dot(point.normal_code, photon.normal) <= threshold) continue;
-      if (nearest.size() == k) {
-        std::pop_heap(nearest.begin(), nearest.end());
-        nearest.pop_back();
+  std::vector<std::vector<float>> nearest_of;  // squares of the k smallest distances, a heap for each point
+  const auto take = [&](std::span<const PhotonPilot::Point> points, std::span<const Photon> photons) {
+    nearest_of.resize(points.size());
+    tbb::parallel_for(size_t(0), points.size(), [&](size_t i) {
+      const PhotonPilot::Point &point = points[i];
+      std::vector<float> &nearest = nearest_of[i];
+      for (const Photon &photon : photons) {
+        const float distance2 = length2(photon.position - point.position);
+        if (nearest.size() == k && !(distance2 < nearest.front())) continue;
+        if (normal_dot(point.normal_code, photon.normal) <= threshold) continue;
+        if (nearest.size() == k) {
+          std::pop_heap(nearest.begin(), nearest.end());
+          nearest.pop_back();
+        }
+        nearest.push_back(distance2);
+        std::push_heap(nearest.begin(), nearest.end());
       }
-      nearest.push_back(distance2);
-      std::push_heap(nearest.begin(), nearest.end());
-    }
-    if (nearest.size() == k) radius_of[i] = float(scale * std::sqrt(double(nearest.front())));
-  });
+    });
+  };
+  const PhotonPilot pilot = scene.photon_pilot(path, emission, pilot_photons, pilot_points_per_axis, take);
   std::vector<float> radii;
-  std::copy_if(radius_of.begin(), radius_of.end(), std::back_inserter(radii), [](float r) { return r >= 0; });
+  for (const std::vector<float> &nearest : nearest_of) {
+    if (nearest.size() == k) radii.push_back(float(scale * std::sqrt(double(nearest.front()))));
+  }
   const double spacing = spacing_of(pilot.points);
   const float widest = spacing > 0 ? std::min(float(radius_over_spacing * spacing), largest) : largest;
-  if (radii.empty()) return std::min(largest * (pilot.photons.empty() ? 0x1p-7f : 0x1p-3f), widest);
+  if (radii.empty()) return std::min(largest * (pilot.num_photons == 0 ? 0x1p-7f : 0x1p-3f), widest);
   const auto chosen = radii.begin() + std::ptrdiff_t(share_of_points * double(radii.size()));
   std::nth_element(radii.begin(), chosen, radii.end());
   return std::clamp(std::min(*chosen, widest), largest * 0x1p-20f, largest);

@@ -62,11 +62,12 @@ class WaitingUnits {
 }  // namespace
 
 PhotonPilot MultiScene::photon_pilot(const PathSettings &settings, const EmissionView &emission,
-                                     uint32_t num_photons, uint32_t points_per_axis) const
+                                     uint32_t num_paths, uint32_t points_per_axis,
+                                     const TakePilotPhotons &take) const
 {
   PhotonPilot pilot;
   run_named(*members_, 0,
-            [&] { pilot = scenes_[0]->photon_pilot(settings, emission, num_photons, points_per_axis); });
+            [&] { pilot = scenes_[0]->photon_pilot(settings, emission, num_paths, points_per_axis, take); });
   return pilot;
 }
 

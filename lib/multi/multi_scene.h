@@ -25,8 +25,8 @@ class MultiScene final : public CommittedScene, public StreamTracing {
         "before left in the pixels; use one device, or GPURT_PHOTON_ESTIMATOR_MEMORYLESS");
   }
   uint64_t most_photon_passes() const override { return scenes_.size() * scenes_[0]->most_photon_passes(); }
-  PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_photons,
-                           uint32_t points_per_axis) const override;
+  PhotonPilot photon_pilot(const PathSettings &settings, const EmissionView &emission, uint32_t num_paths,
+                           uint32_t points_per_axis, const TakePilotPhotons &take) const override;
   std::shared_ptr<const PhotonMap> photon_map(const PathSettings &settings, const EmissionView &emission,
                                               const ScenePhotonRequest &request) const override;
   void trace(const TraceRequest &request) const override;

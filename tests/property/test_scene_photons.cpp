@@ -1,5 +1,6 @@
 // Photons of a scene in a map: the power of the lights, the estimates of renders, and the same points everywhere.
 #include <cstdio>
+#include <fstream>
 #include <functional>
 #include <numbers>
 
@@ -95,7 +96,8 @@ TEST_P(ScenePhotons, HoldTheFluxOfTheLights)
   for (const Point &flux : fluxes) {
     for (size_t k = 0; k < 3; ++k) sums[k] += double(flux[k]);
   }
-  for (size_t k = 0; k < 3; ++k) EXPECT_NEAR(sums[k] / (4 * pi * std::pow(0.5, double(k))), 1, 3 * sigma) << k;
+  for (size_t k = 0; k < 3; ++k)
+    EXPECT_NEAR(sums[k] / (4 * pi * std::pow(0.5, double(k))), 1, 3 * sigma) << k;
   // All of them lie within the radius; sums of a million floats are good for four digits.
   const std::vector<Point> center = {{0, 0, 0}};
   const Answers all = ask(map, query_desc(GPURT_PHOTON_QUERY_SUM, center, 4));
@@ -164,7 +166,8 @@ TEST_P(ScenePhotons, GiveTheEstimatesOfRenders)
       num_stored = statistics.photon_counters.num_stored;
     }
     const PhotonMap map = trace(scene, asked([&](auto &d) {
-                                  d.num_paths = 20000, d.seed = 9, d.frame_index = 2, d.pass = pass, d.max_depth = 6;
+                                  d.num_paths = 20000, d.seed = 9, d.frame_index = 2, d.pass = pass,
+                                  d.max_depth = 6;
                                 }));
     EXPECT_EQ(info_of(map).num_points, num_stored);
     if (pass != 0) continue;  // frames have the positions of sample 0
@@ -186,7 +189,8 @@ TEST_P(ScenePhotons, GiveTheEstimatesOfRenders)
 TEST_P(ScenePhotons, AreTheSameOnEveryDevice)
 {
   const auto photons_of = [](const Device &device) {
-    return trace(make_box(device, 0.8f), asked([](auto &d) { d.num_paths = 70001, d.seed = 4, d.num_levels = 2; }));
+    return trace(make_box(device, 0.8f),
+                 asked([](auto &d) { d.num_paths = 70001, d.seed = 4, d.num_levels = 2; }));
   };
   const Device one = make_device(GPURT_DEVICE_CPU, 1), device = make_device(GetParam());
   const PhotonMap expected = photons_of(one), map = photons_of(device);
@@ -223,7 +227,8 @@ TEST_P(ScenePhotons, SurviveAFile)
 TEST_P(ScenePhotons, AreNoneWithoutIndirectLight)
 {
   const Device device = make_device(GetParam());
-  const PhotonMap map = trace(make_box(device, 0.5f), asked([](auto &d) { d.max_depth = 2, d.num_paths = 100; }));
+  const PhotonMap map =
+      trace(make_box(device, 0.5f), asked([](auto &d) { d.max_depth = 2, d.num_paths = 100; }));
   EXPECT_EQ(info_of(map).num_points, 0u);
   const std::vector<Point> places = {{0, 0, -1}};
   EXPECT_EQ(ask(map, query_desc(GPURT_PHOTON_QUERY_SUM, places, 1)).counts[0], 0u);
@@ -252,6 +257,44 @@ TEST_P(ScenePhotons, KeepToTheMemoryLimit)
   const PhotonMap map = trace(scene, desc);
   EXPECT_GT(info_of(map).num_points, 60000u);
   EXPECT_LE(memory().memory_peak_bytes, limit);
+}
+
+// Memory of this process in bytes: at most so far, or since it was cleared.
+uint64_t most_resident_bytes()
+{
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.rfind("VmHWM:", 0) == 0) return std::stoull(line.substr(6)) * 1024;
+  }
+  return 0;
+}
+
+// The photons of the pilot that chooses a radius would take 40 MiB here, and those of a pass as much.
+TEST(PilotPhotons, TakeNoMoreMemoryThanTheLimit)
+{
+  const uint64_t limit = uint64_t(12) << 20;
+  const Device device = make_device(GPURT_DEVICE_CPU, 1, limit);
+  const Scene scene = make_box(device, 0.95f);
+  gpurt_frame_desc frame_desc = GPURT_FRAME_DESC_INIT;
+  frame_desc.width = frame_desc.height = 8;
+  Frame frame;
+  GPURT_ASSERT_OK(gpurt_frame_create(scene, &frame_desc, frame.out()));
+  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+  desc.pipeline = GPURT_PIPELINE_PHOTON;
+  desc.samples_per_pixel = 1;
+  desc.max_depth = 100;
+  desc.photon.photons_per_pass = 65536;
+  std::ofstream("/proc/self/clear_refs") << 5;
+  const uint64_t before = most_resident_bytes();
+  ASSERT_GT(before, 0u);
+  Job job;
+  GPURT_ASSERT_OK(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()));
+  GPURT_ASSERT_OK(gpurt_job_wait(job, GPURT_WAIT_FOREVER));
+  gpurt_statistics statistics = GPURT_STATISTICS_INIT;
+  GPURT_ASSERT_OK(gpurt_frame_get_statistics(frame, &statistics));
+  EXPECT_GT(statistics.photon_counters.num_stored * 32, uint64_t(30) << 20);
+  // Code and the allocator's own needs come on top.
+  EXPECT_LT(most_resident_bytes() - before, limit + (uint64_t(8) << 20));
 }
 
 TEST_P(ScenePhotons, RefuseWhatIsNotAllowed)

@@ -83,15 +83,12 @@ PhotonStore::Chunk PhotonStore::make_chunk(const PhotonChunk &traced) const
   return chunk;
 }
 
-uint64_t PhotonStore::num_photons_of(const std::vector<Chunk> &chunks)
+// The next chunks, at most so many. Where the pass is cancelled some are empty.
+std::vector<PhotonStore::Chunk> PhotonStore::trace_chunks(uint32_t most_chunks)
 {
-  uint64_t sum = 0;
-  for (const Chunk &chunk : chunks) sum += chunk.size();
-  return sum;
-}
-
-std::vector<PhotonStore::Chunk> PhotonStore::trace_chunks(uint32_t num_chunks)
-{
+  const uint64_t left = photon_pass_.num_emitted - next_;
+  const uint32_t num_chunks =
+      uint32_t(std::min<uint64_t>((left + photons_per_chunk - 1) / photons_per_chunk, most_chunks));
   std::vector<Chunk> chunks(num_chunks);
   tbb::parallel_for(
       tbb::blocked_range<uint32_t>(0, num_chunks, 1),
@@ -113,6 +110,7 @@ std::vector<PhotonStore::Chunk> PhotonStore::trace_chunks(uint32_t num_chunks)
         }
       },
       tbb::simple_partitioner());
+  next_ += uint32_t(std::min(left, uint64_t(num_chunks) * photons_per_chunk));
   return chunks;
 }
 
@@ -124,17 +122,12 @@ bool PhotonStore::fill()
   std::vector<Chunk> chunks;
   uint64_t num_photons = 0, most = 0;
   do {
-    const uint32_t left = (photon_pass_.num_emitted - next_ + photons_per_chunk - 1) / photons_per_chunk;
-    // With a limit few at a time, so that what they leave can be foreseen.
-    const uint32_t batch = is_limited ? std::min(left, 2 * uint32_t(scene_.arena.max_concurrency())) : left;
     uint64_t in_batch = 0;
-    for (Chunk &chunk : trace_chunks(batch)) {
+    for (Chunk &chunk : is_limited ? trace_some() : trace_chunks(UINT32_MAX)) {
       in_batch += chunk.size();
       chunks.push_back(std::move(chunk));
     }
     if (is_cancelled()) return false;
-    next_ = uint32_t(
-        std::min<uint64_t>(uint64_t(next_) + uint64_t(batch) * photons_per_chunk, photon_pass_.num_emitted));
     num_photons += in_batch;
     most = std::max(most, in_batch);
     if (num_photons > max_photons)
@@ -173,9 +166,10 @@ bool PhotonStore::fill()
   return true;
 }
 
-std::vector<PhotonStore::Chunk> PhotonStore::trace_all()
+// Few at a time, so that what they leave can be foreseen.
+std::vector<PhotonStore::Chunk> PhotonStore::trace_some()
 {
-  return trace_chunks((photon_pass_.num_emitted + photons_per_chunk - 1) / photons_per_chunk);
+  return trace_chunks(2 * uint32_t(scene_.arena.max_concurrency()));
 }
 
 }  // namespace gpurt

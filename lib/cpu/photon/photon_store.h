@@ -26,15 +26,14 @@ class PhotonStore {
   PhotonCounters counters() const { return counters_; }
   /// Photons of neighbouring paths. They count against the memory limit before they take memory.
   using Chunk = TrackedArray<Photon>;
-  /// All photons of the pass, chunk by chunk in the order of paths. Throws OUT_OF_MEMORY.
-  std::vector<Chunk> trace_all();
-  static uint64_t num_photons_of(const std::vector<Chunk> &chunks);
+  /// Traces a few chunks, in the order of paths, until is_last(). Throws OUT_OF_MEMORY.
+  std::vector<Chunk> trace_some();
 
  private:
   struct Scratch;
   bool is_cancelled() const;
   uint64_t capacity() const;
-  std::vector<Chunk> trace_chunks(uint32_t num_chunks);
+  std::vector<Chunk> trace_chunks(uint32_t most_chunks);
   Chunk make_chunk(const PhotonChunk &traced) const;
 
   const RenderPass &pass_;

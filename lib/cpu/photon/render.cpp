@@ -192,37 +192,38 @@ void render_photons_on_cpu(const RenderPass &pass, const CpuPhotonScene &scene)
 }
 
 PhotonPilot photon_pilot_on_cpu(const PathSettings &settings, const EmissionView &emission,
-                                uint32_t num_photons, uint32_t points_per_axis, const CpuPhotonScene &scene)
+                                uint32_t num_paths, uint32_t points_per_axis, const TakePilotPhotons &take,
+                                const CpuPhotonScene &scene)
 {
   PhotonPilot pilot;
   scene.arena.execute([&] {
-    const PhotonRequest request{{num_photons, 1, PhotonKernel::Constant, 0}, emission};
+    {
+      const Reservation reserved(scene.memory, EyeScratch::bytes(), "a pilot's eye paths");
+      EyeScratch scratch;
+      const PathWave wave = scratch.wave.wave();
+      const uint32_t width = settings.camera.width, height = settings.camera.height;
+      for (uint32_t j = 0; j < points_per_axis; ++j) {
+        for (uint32_t i = 0; i < points_per_axis; ++i) {
+          const uint32_t x = uint32_t((2 * uint64_t(i) + 1) * width / (2 * points_per_axis));
+          const uint32_t y = uint32_t((2 * uint64_t(j) + 1) * height / (2 * points_per_axis));
+          scene.kernels.find_points(scene.accel, scene.scene, settings, {x, y, x + 1, y + 1, 0, 0}, wave,
+                                    scratch.points.data(), 1, steady_seconds);
+          const VisiblePoint &point = scratch.points[0];
+          if (point.depth != 0) pilot.points.push_back({point.position, point.normal_code});
+        }
+      }
+    }
+    const PhotonRequest request{{num_paths, 1, PhotonKernel::Constant, 0}, emission};
     RenderPass pass;
     pass.settings = settings;
     pass.photon = &request;
     PhotonPass photon_pass = make_photon_pass(request.settings, emission, 0);
     photon_pass.index = pilot_pass;
     PhotonStore store(pass, photon_pass, scene);
-    std::vector<PhotonStore::Chunk> chunks = store.trace_all();
-    const uint64_t num_stored = PhotonStore::num_photons_of(chunks);
-    pilot.photon_bytes = Reservation(scene.memory, num_stored * sizeof(Photon), "a pilot's photons");
-    pilot.photons.reserve(num_stored);
-    for (PhotonStore::Chunk &chunk : chunks) {
-      pilot.photons.insert(pilot.photons.end(), chunk.data(), chunk.data() + chunk.size());
-      chunk.free();
-    }
-
-    EyeScratch scratch;
-    const PathWave wave = scratch.wave.wave();
-    const uint32_t width = settings.camera.width, height = settings.camera.height;
-    for (uint32_t j = 0; j < points_per_axis; ++j) {
-      for (uint32_t i = 0; i < points_per_axis; ++i) {
-        const uint32_t x = uint32_t((2 * uint64_t(i) + 1) * width / (2 * points_per_axis));
-        const uint32_t y = uint32_t((2 * uint64_t(j) + 1) * height / (2 * points_per_axis));
-        scene.kernels.find_points(scene.accel, scene.scene, settings, {x, y, x + 1, y + 1, 0, 0}, wave,
-                                  scratch.points.data(), 1, steady_seconds);
-        const VisiblePoint &point = scratch.points[0];
-        if (point.depth != 0) pilot.points.push_back({point.position, point.normal_code});
+    while (!store.is_last()) {
+      for (const PhotonStore::Chunk &chunk : store.trace_some()) {
+        take(pilot.points, {chunk.data(), chunk.size()});
+        pilot.num_photons += chunk.size();
       }
     }
   });

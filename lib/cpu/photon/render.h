@@ -23,6 +23,7 @@ struct CpuPhotonScene {
 void render_photons_on_cpu(const RenderPass &pass, const CpuPhotonScene &scene);
 
 PhotonPilot photon_pilot_on_cpu(const PathSettings &settings, const EmissionView &emission,
-                                uint32_t num_photons, uint32_t points_per_axis, const CpuPhotonScene &scene);
+                                uint32_t num_paths, uint32_t points_per_axis, const TakePilotPhotons &take,
+                                const CpuPhotonScene &scene);
 
 }  // namespace gpurt

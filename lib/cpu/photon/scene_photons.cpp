@@ -22,14 +22,17 @@ std::shared_ptr<const PhotonMap> photon_map_on_cpu(const PathSettings &settings,
     pass.photon = &request;
     const PhotonPass photon_pass = make_photon_pass(request.settings, emission, asked.pass);
     PhotonStore store(pass, photon_pass, scene);
-    std::vector<PhotonStore::Chunk> chunks = store.trace_all();
-    records = {scene.memory, PhotonStore::num_photons_of(chunks), "photons"};
-    std::vector<uint64_t> places(chunks.size());
-    uint64_t place = 0;
-    for (size_t k = 0; k < chunks.size(); ++k) {
-      places[k] = place;
-      place += chunks[k].size();
+    std::vector<PhotonStore::Chunk> chunks;
+    std::vector<uint64_t> places;
+    uint64_t num_photons = 0;
+    while (!store.is_last()) {
+      for (PhotonStore::Chunk &chunk : store.trace_some()) {
+        places.push_back(num_photons);
+        num_photons += chunk.size();
+        chunks.push_back(std::move(chunk));
+      }
     }
+    records = {scene.memory, num_photons, "photons"};
     // Chunks come in the order of paths, but each is what bounce after bounce left.
     tbb::parallel_for(size_t(0), chunks.size(), [&](size_t k) {
       Photon *const first = records.data() + places[k];

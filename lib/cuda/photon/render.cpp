@@ -442,34 +442,25 @@ class PassRenderer {
 // Photons in flight and paths of a pilot.
 constexpr uint32_t pilot_capacity = uint32_t(1) << 16, smallest_pilot_capacity = uint32_t(1) << 10;
 
-// A pilot's photons and points, in flight up to `capacity` at a time.
-PhotonPilot trace_pilot(PassQueue &queue, const PhotonFlight &flight, const PathSettings &settings,
-                        uint32_t num_photons, uint32_t points_per_axis, uint32_t capacity)
-{
-  PhotonPilot pilot;
-  const uint32_t num_points = points_per_axis * points_per_axis;
-  EyeTracer eye(queue, num_points);
-  PhotonStore store(queue, capacity, 1);
-  const WaitAtEnd wait(queue.stream);
-  queue.clock.start(queue.stream);
-  store.begin(flight, num_photons, 1);
-  do {
-    store.trace();
-    const size_t before = pilot.photons.size();
-    pilot.photons.resize(before + store.num_records());
-    store.read_records(pilot.photons.data() + before);
-  } while (!store.is_last());
+// What a pilot runs on.
+struct PilotSpace {
+  PilotSpace(PassQueue &queue, uint32_t num_points, uint32_t capacity)
+      : eye(queue, num_points), store(queue, capacity, 1)
+  {}
+  EyeTracer eye;
+  PhotonStore store;
+};
 
-  eye.trace_points(settings, {{}, points_per_axis}, {}, num_points);
-  std::vector<VisiblePoint> points(num_points);
-  check(cudaMemcpyAsync(points.data(), eye.points(), num_points * sizeof(VisiblePoint),
-                        cudaMemcpyDeviceToHost, queue.stream),
-        "cudaMemcpyAsync");
-  check(cudaStreamSynchronize(queue.stream), "cudaStreamSynchronize");
-  for (const VisiblePoint &p : points) {
-    if (p.depth != 0) pilot.points.push_back({p.position, p.normal_code});
+std::unique_ptr<PilotSpace> make_pilot_space(PassQueue &queue, uint32_t num_points, uint32_t num_paths)
+{
+  for (uint32_t capacity = std::clamp(num_paths, smallest_pilot_capacity, pilot_capacity);; capacity /= 2) {
+    try {
+      return std::make_unique<PilotSpace>(queue, num_points, capacity);
+    } catch (const Error &e) {
+      check(cudaStreamSynchronize(queue.stream), "cudaStreamSynchronize");
+      if (e.result() != GPURT_ERROR_OUT_OF_MEMORY || capacity <= smallest_pilot_capacity) throw;
+    }
   }
-  return pilot;
 }
 
 }  // namespace
@@ -482,28 +473,47 @@ void render_photons_on_device(const RenderPass &pass, const TraceScene &scene,
 }
 
 PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionView &emission,
-                                   uint32_t num_photons, uint32_t points_per_axis, const TraceScene &scene,
-                                   const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes)
+                                   uint32_t num_paths, uint32_t points_per_axis, const TakePilotPhotons &take,
+                                   const TraceScene &scene, const std::shared_ptr<DeviceMemory> &memory,
+                                   LanePool &lanes)
 {
   const LaneLease lane = lanes.acquire();
   PassQueue queue{scene,          memory,
                   lane->stream(), static_cast<std::byte *>(lane->to_device.reserve(PassQueue::pinned_bytes)),
                   nullptr,        {}};
   const DeviceEmission on_device(emission, memory, lane->stream());
-  PhotonPass photon_pass = make_photon_pass({num_photons, 1, PhotonKernel::Constant, 0}, emission, 0);
+  PhotonPass photon_pass = make_photon_pass({num_paths, 1, PhotonKernel::Constant, 0}, emission, 0);
   photon_pass.index = pilot_pass;
   const DeviceBuffer<PhotonPass> passes =
       upload(memory, std::span<const PhotonPass>(&photon_pass, 1), "a pass of photons", lane->stream());
   const PhotonFlight flight{scene.scene,          on_device.view(),   passes.data(), settings.seed,
-                            settings.frame_index, settings.max_depth, num_photons,   queue.has_near()};
-  for (uint32_t capacity = std::clamp(num_photons, smallest_pilot_capacity, pilot_capacity);; capacity /= 2) {
-    try {
-      return trace_pilot(queue, flight, settings, photon_pass.num_emitted, points_per_axis, capacity);
-    } catch (const Error &e) {
-      check(cudaStreamSynchronize(lane->stream()), "cudaStreamSynchronize");
-      if (e.result() != GPURT_ERROR_OUT_OF_MEMORY || capacity <= smallest_pilot_capacity) throw;
-    }
+                            settings.frame_index, settings.max_depth, num_paths,     queue.has_near()};
+  const uint32_t num_points = points_per_axis * points_per_axis;
+  const std::unique_ptr<PilotSpace> space = make_pilot_space(queue, num_points, num_paths);
+  const WaitAtEnd wait(queue.stream);
+  queue.clock.start(queue.stream);
+  space->eye.trace_points(settings, {{}, points_per_axis}, {}, num_points);
+  std::vector<VisiblePoint> points(num_points);
+  check(cudaMemcpyAsync(points.data(), space->eye.points(), num_points * sizeof(VisiblePoint),
+                        cudaMemcpyDeviceToHost, queue.stream),
+        "cudaMemcpyAsync");
+  check(cudaStreamSynchronize(queue.stream), "cudaStreamSynchronize");
+  PhotonPilot pilot;
+  for (const VisiblePoint &p : points) {
+    if (p.depth != 0) pilot.points.push_back({p.position, p.normal_code});
   }
+
+  PhotonStore &store = space->store;
+  store.begin(flight, photon_pass.num_emitted, 1);
+  std::vector<Photon> photons;
+  do {
+    store.trace();
+    photons.resize(store.num_records());
+    store.read_records(photons.data());
+    take(pilot.points, photons);
+    pilot.num_photons += photons.size();
+  } while (!store.is_last());
+  return pilot;
 }
 
 }  // namespace gpurt::cuda

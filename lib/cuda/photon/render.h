@@ -16,7 +16,8 @@ void render_photons_on_device(const RenderPass &pass, const TraceScene &scene,
                               const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes);
 
 PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionView &emission,
-                                   uint32_t num_photons, uint32_t points_per_axis, const TraceScene &scene,
-                                   const std::shared_ptr<DeviceMemory> &memory, LanePool &lanes);
+                                   uint32_t num_paths, uint32_t points_per_axis, const TakePilotPhotons &take,
+                                   const TraceScene &scene, const std::shared_ptr<DeviceMemory> &memory,
+                                   LanePool &lanes);
 
 }  // namespace gpurt::cuda
