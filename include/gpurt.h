@@ -786,7 +786,7 @@ typedef enum gpurt_hit_format {
 
 /* How rays that follow one another in a batch go. Changes the speed on CUDA devices alone, never a result. */
 typedef enum gpurt_coherence {
-  GPURT_COHERENCE_AUTO = 0,       /* a few of the rays are looked at */
+  GPURT_COHERENCE_AUTO = 0,       /* by the tree's size or a look at a few rays */
   GPURT_COHERENCE_COHERENT = 1,   /* nearly the same way, as those of a camera's neighbouring pixels */
   GPURT_COHERENCE_INCOHERENT = 2, /* apart, as those that surfaces scatter */
   GPURT_COHERENCE_FORCE32 = 0x7fffffff

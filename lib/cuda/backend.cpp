@@ -183,6 +183,10 @@ class CudaScene final : public CommittedScene, public StreamTracing {
                                  device_->memory->ordinal()),
           "cudaDeviceGetAttribute");
     facts_.accel_bytes = accel->bytes();
+    int cache_bytes = 0;
+    check(cudaDeviceGetAttribute(&cache_bytes, cudaDevAttrL2CacheSize, device_->memory->ordinal()),
+          "cudaDeviceGetAttribute");
+    trace_scene_.is_cached = facts_.accel_bytes <= uint64_t(cache_bytes);
   }
 
   ReyesDeviceScene reyes_scene() const

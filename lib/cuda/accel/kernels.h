@@ -34,6 +34,7 @@ struct TraceScene {
   KdQuadView kd_quads;                 // of kd_trees.groups[0]; nodes may be null
   const LeafTriangle *near_triangles;  // that the fast kernels name, of either
   int num_sms;                         // of the device
+  bool is_cached;  // trees and their triangles are no larger than the device's second-level cache
   SceneView scene;
   TriangleTest triangle_test;
 };

@@ -360,7 +360,7 @@ c_enum! {
 c_enum! {
     /// How rays that follow one another in a batch go. Changes the speed on CUDA devices alone, never a result.
     Coherence {
-        /// A few of the rays are looked at.
+        /// By the tree's size, or a look at a few of the rays.
         Auto = GPURT_COHERENCE_AUTO,
         /// Nearly the same way, as those of a camera's neighbouring pixels.
         Coherent = GPURT_COHERENCE_COHERENT,

@@ -181,7 +181,7 @@ pub struct Tracer<'a> {
 }
 
 impl Tracer<'_> {
-    /// How rays that follow one another go; by default a few of them are looked at.
+    /// How rays that follow one another go; by default the tree's size or a look at a few of them tells.
     pub fn coherence(mut self, coherence: Coherence) -> Self {
         self.coherence = coherence;
         self
