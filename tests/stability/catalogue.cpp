@@ -126,7 +126,9 @@ const std::vector<CatalogueRow> &catalogue()
       {45, "Motion past the eye", "patch crossing near during the shutter", "equals ray trace within noise",
        no_reyes},
       {46, "Hybrid mismatch", "displaced plane, low sun", "< 0.1 % of pixels differ over 5 %", no_hybrid},
-      {47, "Split-queue bound", "1 patch filling 16K pixels; 10^6 patches; each with 1/16 of the memory",
+      {47, "Split-queue bound",
+       "1 patch filling 16K pixels; 10^6 patches; each with 1/16 of the memory, or what the smallest lists "
+       "take",
        "peak memory <= limit, same image", nullptr},
       {48, "Out of memory", "limit of 256 MB", "error, the last commit stays, the next call works", nullptr},
       {49, "Determinism", "20 runs; 1, 2, 7 threads and tile sizes", "one hash", nullptr},

@@ -311,15 +311,17 @@ TEST_P(ReyesRows, Row44NeedlePatch)
       add_patches(scene, {net});
       add_camera(scene, {0, 0, 3}, 0.8f);
       coarse_commit(scene);
-      RenderOptions o = reyes_options(512, 4, rate);
-      o.tile_size = 256;
+      constexpr uint32_t size = 64;  // one part: parts of an image each dice what they share
+      RenderOptions o = reyes_options(size, 4, rate);
+      o.tile_size = size;
       Frame frame = make_frame(scene, o);
       render(frame, o);
       const gpurt_reyes_counters k = statistics_of(frame).reyes_counters;
-      const double covered = mean(read_output<float>(frame, o, GPURT_OUTPUT_ALPHA, 1)) * 512 * 512;
-      // Its edges have a segment at least for each sqrt(rate) of a pixel; parts of the image each dice what they share.
-      const double length = 2.1 * 512 / (2 * std::tan(0.4) * 3), edges = 2 * length / std::sqrt(double(rate));
-      const double bound = 4 * covered / double(rate) + 4 * edges;
+      const double covered = mean(read_output<float>(frame, o, GPURT_OUTPUT_ALPHA, 1)) * size * size;
+      // Its edges have a segment at least for each sqrt(rate) of a pixel.
+      const double length = 2.1 * size / (2 * std::tan(0.4) * 3),
+                   edges = 2 * length / std::sqrt(double(rate));
+      const double bound = 4 * covered / double(rate) + edges;
       worst = std::max(worst, double(k.num_micropolygons) / bound);
       bad += !(double(k.num_micropolygons) <= bound) || !(covered > 0);
       ++total;
@@ -338,7 +340,7 @@ TEST_P(ReyesRows, Row47SplitQueueBound)
   // One patch that fills 16,384 pixels; in a full run an image as wide as that.
   PatchNet one = flat_patch({-4, -4, 0}, {8, 0, 0}, {0, 8, 0});
   for (size_t k = 0; k < 16; ++k) one[k][2] = 0.2f * float((k * 7) % 5);
-  cases[0] = {{one}, reyes_options(128, 4)};
+  cases[0] = {{one}, reyes_options(128, 16)};
   if (is_full_run()) cases[0].options.width = 16384, cases[0].options.height = 64;
   // Many small ones.
   const int side = int(count(100, 1000));
@@ -346,7 +348,7 @@ TEST_P(ReyesRows, Row47SplitQueueBound)
     const float step = 4.0f / float(side), x = -2 + step * float(i % side), y = -2 + step * float(i / side);
     cases[1].nets.push_back(flat_patch({x, y, 0.1f * float(i % 3)}, {step, 0, 0}, {0, step, 0}));
   }
-  cases[1].options = reyes_options(64, 4);
+  cases[1].options = reyes_options(64, 16);
   uint64_t bad = 0, total = 0;
   std::string note;
   for (const Case &c : cases) {
@@ -356,25 +358,29 @@ TEST_P(ReyesRows, Row47SplitQueueBound)
       add_camera(scene, {0, 0, 3}, 0.8f);
     };
     std::vector<float> first;
-    uint64_t working = 0;
+    uint64_t working = 0, committed = 0;
     for (const bool is_limited : {false, true}) {
       Device device;
-      // What the scene and the film hold, and a sixteenth of what REYES took without a limit; it wants some megabytes.
+      gpurt_device_properties p = GPURT_DEVICE_PROPERTIES_INIT;
+      // What the scene and the film hold, and a sixteenth of what REYES took without a limit, or what the smallest lists and
+      // a film of one tile take; a commit needs its own.
       uint64_t limit = 0;
       if (is_limited) {
-        gpurt_device_properties p = GPURT_DEVICE_PROPERTIES_INIT;
         GPURT_EXPECT_OK(gpurt_device_get_properties(last_device_, &p));
-        limit = p.memory_used_bytes +
-                std::max(working / 16, (method().is_cuda() ? uint64_t(24) : uint64_t(6)) << 20);
+        const uint64_t least = method().is_cuda() ? uint64_t(5) << 19 : uint64_t(9) << 17;
+        limit = std::max(committed, p.memory_used_bytes + std::max(working / 16, least));
       }
       Scene scene = scene_on(device, 1, limit, fill);
+      GPURT_EXPECT_OK(gpurt_device_get_properties(device, &p));
+      committed = p.memory_peak_bytes;
       Frame frame = make_frame(scene, c.options);
       render(frame, c.options);
       const std::vector<float> color = read_color(frame, c.options);
       const gpurt_statistics s = statistics_of(frame);
-      working = s.reyes_counters.working_bytes;
-      if (is_limited) bad += s.memory_peak_bytes > limit;
+      // The limit is felt.
+      if (is_limited) bad += s.memory_peak_bytes > limit || s.reyes_counters.working_bytes > working / 2;
       else first = color;
+      working = s.reyes_counters.working_bytes;
       bad += std::memcmp(first.data(), color.data(), color.size() * sizeof(float)) != 0;
       total += 2;
       note +=
