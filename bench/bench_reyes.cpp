@@ -4,10 +4,17 @@
 //               [--shading samples|micropolygons|blocks] [--repeats N] [--threads N]
 //               [--split levels|queues|rounds] [--stages separate|uber|fused] [--schedules 0|1] [--flatness PIXELS]
 //               [--alpha A]
+//               [--alpha A] [--rough-metal ROUGHNESS] [--copies K] [--slots N] [--memory-limit MIB] [--memory-share S]
 //
-// Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here; with an alpha below 1 the ball blends. Each frame is a new one; the first
-// of a case is not counted. Times of stages are medians of what the device spent; "visible_ms" is their sum up to what
-// every sample sees, "wall_ms" a whole frame from its creation to its last pixel on the host: "create_ms" and "render_ms".
+// Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here; with an alpha below 1 the ball blends.
+// Of a scene, alpha and rough-metal change all materials, and copies places every model of more than one patch K times
+// (scene_variant.h). Each frame is a new one; the first of a case is not counted. Times of stages are medians of what the device
+// spent; "visible_ms" is their sum up to what every sample sees, "device_ms" that of all stages but the film's, which is the host's;
+// "wall_ms" a whole frame from its creation to its last pixel on the host: "create_ms" and "render_ms". Micropolygons are told for
+// a second of "visible_ms" and of "device_ms".
+//
+// "working_bytes" is what REYES takes for samples and lists. A memory share below 1 repeats each case on a device that is limited to
+// all that the case took but for the rest of these: "time_ratio" says how much longer that takes.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -19,6 +26,7 @@
 
 #include "check.h"
 #include "gpurt.h"
+#include "scene_variant.h"
 
 namespace {
 
@@ -32,7 +40,11 @@ struct Options {
   std::vector<Size> sizes;
   uint32_t spp = 9, repeats = 9, threads = 0;
   bool has_shadows = false, has_schedules = false;
-  float rate = 0.25f, flatness = 0, alpha = 1;
+  float rate = 0.25f, flatness = 0;
+  double memory_share = 1;
+  uint64_t memory_limit = 0;
+  uint32_t slots = 0;
+  SceneVariant variant;
   gpurt_reyes_shading shading = GPURT_REYES_SHADING_SAMPLES;
   gpurt_launch split = GPURT_LAUNCH_AUTO;
   gpurt_traversal stages = GPURT_TRAVERSAL_AUTO;
@@ -103,8 +115,29 @@ void fill(gpurt_scene scene, float alpha)
   check(gpurt_scene_add_camera(scene, &camera, &id), "gpurt_scene_add_camera");
 }
 
-void run(gpurt_scene scene, const char *name, const char *device, const Size &size, const Options &o)
+struct Loaded {
+  gpurt_device device = nullptr;
+  gpurt_scene scene = nullptr;
+  std::string name, device_name;
+};
+
+gpurt_device_properties properties_of(gpurt_device device)
 {
+  gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
+  check(gpurt_device_get_properties(device, &properties), "gpurt_device_get_properties");
+  return properties;
+}
+
+// What a case took on the device.
+struct Cost {
+  double ms;
+  uint64_t working_bytes, peak_bytes;
+};
+
+// `unlimited_ms`: 0, or what the case took without a limit.
+Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimited_ms = 0)
+{
+  gpurt_scene scene = loaded.scene;
   const struct {
     const char *name;
     double (*seconds)(const gpurt_statistics &);
@@ -126,7 +159,7 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
       {"job_ms", [](const gpurt_statistics &s) { return s.render_seconds; }},
   };
   std::vector<std::vector<double>> seconds(std::size(stages));
-  std::vector<double> wall, create, render, release;
+  std::vector<double> wall, create, render, release, device_seconds;
   gpurt_statistics s = GPURT_STATISTICS_INIT;
   for (uint32_t i = 0; i <= o.repeats; ++i) {
     const double start = now();
@@ -142,6 +175,7 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
     desc.samples_per_pixel = o.spp;
     desc.reyes.shading_rate = o.rate;
     desc.reyes.flatness = o.flatness;
+    desc.reyes.fragment_slots = o.slots;
     desc.reyes.shading = o.shading;
     desc.schedule.launch = o.split;
     desc.schedule.traversal = o.stages;
@@ -159,17 +193,19 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
     create.push_back(created - start);
     render.push_back(end - created);
     release.push_back(now() - releasing);
+    device_seconds.push_back(s.generate_seconds + stages[4].seconds(s) + s.trace_seconds + s.shade_seconds +
+                             s.shadow_seconds);
     for (size_t k = 0; k < std::size(stages); ++k) seconds[k].push_back(stages[k].seconds(s));
   }
   const gpurt_reyes_counters &c = s.reyes_counters;
   std::printf(
       "{\"bench\":\"reyes\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
       "\"shading\":%d,\"split\":%d,\"stages\":%d,\"shading_rate\":%g,\"flatness\":%g,\"alpha\":%g,"
-      "\"shadows\":%d,\"wall_ms\":%.4f,"
-      "\"create_ms\":%.4f,\"render_ms\":%."
-      "4f,\"release_ms\":%.4f",
-      device, name, size.width, size.height, o.spp, int(o.shading), int(s.schedule.launch),
-      int(s.schedule.traversal), double(o.rate), double(o.flatness), double(o.alpha), int(o.has_shadows),
+      "\"rough_metal\":%g,\"copies\":%u,\"slots\":%u,\"shadows\":%d,\"wall_ms\":%.4f,\"create_ms\":%.4f,"
+      "\"render_ms\":%.4f,\"release_ms\":%.4f",
+      loaded.device_name.c_str(), loaded.name.c_str(), size.width, size.height, o.spp, int(o.shading),
+      int(s.schedule.launch), int(s.schedule.traversal), double(o.rate), double(o.flatness),
+      double(o.variant.alpha), double(o.variant.rough_metal), o.variant.copies, o.slots, int(o.has_shadows),
       median(wall) * 1e3, median(create) * 1e3, median(render) * 1e3, median(release) * 1e3);
   double visible = 0;
   for (size_t k = 0; k < std::size(stages); ++k) {
@@ -177,24 +213,41 @@ void run(gpurt_scene scene, const char *name, const char *device, const Size &si
     if (std::string(stages[k].name) == "visible_ms") visible = ms;
     std::printf(",\"%s\":%.4f", stages[k].name, ms);
   }
-  std::printf(
-      ",\"patches\":%llu,\"triangles\":%llu,\"splits\":%llu,\"culled\":%llu,\"grids\":%llu,\"micropolygons\":"
-      "%llu,"
-      "\"fragments\":%llu,\"shaded\":%llu,\"largest_queue\":%llu,\"working_bytes\":%llu,\"split_rounds\":%"
-      "llu,\"donated\":%llu,\"list_rounds\":%llu,\"mode_switches\":%llu,\"gmp_per_s\":%.3f}"
-      "\n",
-      (unsigned long long)c.num_patches, (unsigned long long)c.num_triangles,
-      (unsigned long long)c.num_splits, (unsigned long long)c.num_culled, (unsigned long long)c.num_grids,
-      (unsigned long long)c.num_micropolygons, (unsigned long long)c.num_fragments,
-      (unsigned long long)c.num_shaded, (unsigned long long)c.largest_queue,
-      (unsigned long long)c.working_bytes, (unsigned long long)c.split_rounds,
-      (unsigned long long)c.num_donated, (unsigned long long)s.schedule_counters.list_rounds,
-      (unsigned long long)s.schedule_counters.mode_switches, double(c.num_micropolygons) / visible * 1e-6);
+  const double device_ms = median(device_seconds) * 1e3;
+  const gpurt_device_properties properties = properties_of(loaded.device);
+  const struct {
+    const char *name;
+    uint64_t value;
+  } counts[] = {{"patches", c.num_patches},
+                {"triangles", c.num_triangles},
+                {"splits", c.num_splits},
+                {"culled", c.num_culled},
+                {"grids", c.num_grids},
+                {"micropolygons", c.num_micropolygons},
+                {"fragments", c.num_fragments},
+                {"lost_fragments", c.num_lost_fragments},
+                {"largest_fragments", c.largest_fragments},
+                {"shaded", c.num_shaded},
+                {"largest_queue", c.largest_queue},
+                {"working_bytes", c.working_bytes},
+                {"memory_peak_bytes", properties.memory_peak_bytes},
+                {"memory_limit_bytes", properties.memory_limit_bytes},
+                {"split_rounds", c.split_rounds},
+                {"donated", c.num_donated},
+                {"list_rounds", s.schedule_counters.list_rounds},
+                {"mode_switches", s.schedule_counters.mode_switches}};
+  for (const auto &count : counts) std::printf(",\"%s\":%llu", count.name, (unsigned long long)count.value);
+  std::printf(",\"device_ms\":%.4f,\"gmp_per_s\":%.3f,\"gmp_per_s_frame\":%.3f", device_ms,
+              double(c.num_micropolygons) / visible * 1e-6, double(c.num_micropolygons) / device_ms * 1e-6);
+  if (unlimited_ms > 0)
+    std::printf(",\"memory_share\":%g,\"time_ratio\":%.3f", o.memory_share, device_ms / unlimited_ms);
+  std::printf("}\n");
   std::fflush(stdout);
+  return {device_ms, c.working_bytes, properties.memory_peak_bytes};
 }
 
 // The talk's comparisons, with what it gives for a bucket of its own scene on a chip of 2009.
-void compare_schedules(gpurt_scene scene, const char *name, const char *device, const Size &size, Options o)
+void compare_schedules(const Loaded &loaded, const Size &size, Options o)
 {
   std::printf(
       "{\"bench\":\"reyes\",\"device\":\"talk of 2009\",\"split_levels_ms\":110,\"split_persistent_ms\":40,"
@@ -210,7 +263,7 @@ void compare_schedules(gpurt_scene scene, const char *name, const char *device, 
   for (const auto &choice : choices) {
     o.split = choice.split;
     o.stages = choice.stages;
-    run(scene, name, device, size, o);
+    run(loaded, size, o);
   }
 }
 
@@ -227,7 +280,13 @@ Options parse(int argc, char **argv)
     else if (name == "--spp") o.spp = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--rate") o.rate = float(std::atof(value.c_str()));
     else if (name == "--flatness") o.flatness = float(std::atof(value.c_str()));
-    else if (name == "--alpha") o.alpha = float(std::atof(value.c_str()));
+    else if (name == "--alpha") o.variant.alpha = float(std::atof(value.c_str()));
+    else if (name == "--rough-metal") o.variant.rough_metal = float(std::atof(value.c_str()));
+    else if (name == "--copies") o.variant.copies = unsigned(std::max(1, std::atoi(value.c_str())));
+    else if (name == "--slots") o.slots = uint32_t(std::atoi(value.c_str()));
+    else if (name == "--memory-limit")
+      o.memory_limit = uint64_t(std::max(0.0, std::atof(value.c_str())) * (1 << 20));
+    else if (name == "--memory-share") o.memory_share = std::atof(value.c_str());
     else if (name == "--shadows") o.has_shadows = value == "1";
     else if (name == "--schedules") o.has_schedules = value == "1";
     else if (name == "--shading") {
@@ -251,8 +310,48 @@ Options parse(int argc, char **argv)
       std::exit(2);
     }
   }
+  if (o.scenes.empty() && (o.variant.rough_metal > 0 || o.variant.copies > 1)) {
+    std::fprintf(stderr, "error: --rough-metal and --copies change a scene; name one with --scene\n");
+    std::exit(2);
+  }
+  if (!(o.memory_share > 0 && o.memory_share <= 1)) {
+    std::fprintf(stderr, "error: --memory-share is a part of the memory, above 0 and at most 1\n");
+    std::exit(2);
+  }
   if (o.sizes.empty()) o.sizes = {{512, 512}, {1920, 1080}};
   return o;
+}
+
+// Commits the scene of the path, "" for the ball, on a new device with the limit.
+Loaded load(const std::string &path, const Options &o, uint64_t limit)
+{
+  Loaded loaded;
+  gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
+  desc.type = o.is_cuda ? GPURT_DEVICE_CUDA : GPURT_DEVICE_CPU;
+  desc.num_threads = o.threads;
+  desc.memory_limit_bytes = limit;
+  check(gpurt_device_create(&desc, &loaded.device), "gpurt_device_create");
+  loaded.device_name = properties_of(loaded.device).name;
+  loaded.name = path.empty() ? "ball" : path.substr(path.find_last_of('/') + 1);
+  if (path.empty()) {
+    check(gpurt_scene_create(loaded.device, &loaded.scene), "gpurt_scene_create");
+    fill(loaded.scene, o.variant.alpha);
+  } else {
+    const std::string variant = o.variant.is_plain() ? "" : write_variant(path, o.variant);
+    check(gpurt_scene_load(loaded.device, (variant.empty() ? path : variant).c_str(), &loaded.scene),
+          "gpurt_scene_load");
+    if (!variant.empty()) std::remove(variant.c_str());
+  }
+  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+  build.accel = GPURT_ACCEL_BVH;
+  check(gpurt_scene_commit(loaded.scene, &build), "gpurt_scene_commit");
+  return loaded;
+}
+
+void release(const Loaded &loaded)
+{
+  gpurt_scene_release(loaded.scene);
+  gpurt_device_release(loaded.device);
 }
 
 }  // namespace
@@ -260,32 +359,25 @@ Options parse(int argc, char **argv)
 int main(int argc, char **argv)
 {
   const Options options = parse(argc, argv);
-  gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
-  desc.type = options.is_cuda ? GPURT_DEVICE_CUDA : GPURT_DEVICE_CPU;
-  desc.num_threads = options.threads;
-  gpurt_device device = nullptr;
-  check(gpurt_device_create(&desc, &device), "gpurt_device_create");
-  gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
-  check(gpurt_device_get_properties(device, &properties), "gpurt_device_get_properties");
   std::vector<std::string> scenes = options.scenes;
   if (scenes.empty()) scenes.push_back("");
   for (const std::string &path : scenes) {
-    gpurt_scene scene = nullptr;
-    if (path.empty()) {
-      check(gpurt_scene_create(device, &scene), "gpurt_scene_create");
-      fill(scene, options.alpha);
-    } else {
-      check(gpurt_scene_load(device, path.c_str(), &scene), "gpurt_scene_load");
-    }
-    gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
-    build.accel = GPURT_ACCEL_BVH;
-    check(gpurt_scene_commit(scene, &build), "gpurt_scene_commit");
-    const std::string name = path.empty() ? "ball" : path.substr(path.find_last_of('/') + 1);
+    Loaded loaded = load(path, options, options.memory_limit);
     for (const Size &size : options.sizes) {
-      if (options.has_schedules) compare_schedules(scene, name.c_str(), properties.name, size, options);
-      else run(scene, name.c_str(), properties.name, size, options);
+      if (options.has_schedules) {
+        compare_schedules(loaded, size, options);
+        continue;
+      }
+      const Cost cost = run(loaded, size, options);
+      if (options.memory_share == 1) continue;
+      const double rest = (1 - options.memory_share) * double(cost.working_bytes);
+      const Loaded tight = load(path, options, cost.peak_bytes - uint64_t(rest));
+      run(tight, size, options, cost.ms);
+      release(tight);
+      // The next size has a peak of its own.
+      release(loaded);
+      loaded = load(path, options, options.memory_limit);
     }
-    gpurt_scene_release(scene);
+    release(loaded);
   }
-  gpurt_device_release(device);
 }
