@@ -300,9 +300,35 @@ typedef struct gpurt_material_desc {
   uint32_t base_color_texture; /* multiplies base_color; 0: none */
   uint32_t two_sided_emission; /* 0: emits from the counter-clockwise side alone; 1: from both */
   uint32_t blends; /* 1: alpha is opacity: of light, 1 - alpha passes straight on; wants alpha_cutoff 0 */
+  uint32_t
+      emission_texture; /* multiplies emission, at the texture coordinates of base_color_texture; its alpha
+                                  does not count; 0: none */
+  float attenuation_color[3]; /* GLASS: the share of light that is left after attenuation_distance within it,
+                                  linear, in [0, 1] */
+  float
+      attenuation_distance; /* GLASS: metres of the world, whatever instances scale; 0: glass does not absorb */
 } gpurt_material_desc;
 #define GPURT_MATERIAL_DESC_INIT \
-  {sizeof(gpurt_material_desc), GPURT_MATERIAL_LAMBERT, {1, 1, 1}, 1, 0, 1, 0, {0, 0, 0}, 0, 0, 0}
+  {sizeof(gpurt_material_desc), \
+   GPURT_MATERIAL_LAMBERT, \
+   {1, 1, 1}, \
+   1, \
+   0, \
+   1, \
+   0, \
+   {0, 0, 0}, \
+   0, \
+   0, \
+   0, \
+   0, \
+   {1, 1, 1}, \
+   0}
+
+/* Glass absorbs by Beer and Lambert's law: of light that goes a distance d within it, attenuation_color to the power of
+   d / attenuation_distance is left, colour by colour. A ray is within glass from where it goes in to where it comes out,
+   also where it meets other surfaces between. Solids stand in air and do not overlap; cameras and lights stand in air, of
+   which a ray that starts within glass learns no earlier than where it comes out: such a ray's way to an opaque surface
+   within the same glass does not absorb. */
 
 /* A ray meets a surface of a material that blends with the probability of its opacity there, and passes it otherwise:
    in every query and every pipeline but REYES, which blends all surfaces that a sample sees. What happens is a function of

@@ -113,6 +113,9 @@ MaterialSettings read_material(const gpurt_material_desc &d, const SceneData &sc
   settings.emission = vec3_from(d.emission);
   settings.base_color_texture = texture_index(scene, d.base_color_texture, "base_color_texture");
   settings.two_sided_emission = d.two_sided_emission != 0;
+  settings.emission_texture = texture_index(scene, d.emission_texture, "emission_texture");
+  settings.attenuation_color = vec3_from(d.attenuation_color);
+  settings.attenuation_distance = d.attenuation_distance;
   return settings;
 }
 

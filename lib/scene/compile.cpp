@@ -1,9 +1,11 @@
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "error.h"
 #include "scene/compiled_scene.h"
 #include "scene/environment_table.h"
+#include "scene/lamp_texture.h"
 #include "scene/light_tree.h"
 #include "scene/parallel.h"
 #include "scene/patch_pixels.h"
@@ -123,6 +125,7 @@ class Compiler {
       const Material &material = in_.materials[s.material];
       out_.has_blending |= material.blends != 0;
       out_.has_alpha_masks |= material.alpha_cutoff > 0 || material.blends != 0;
+      out_.has_absorption |= max_component(material.absorption) > 0;
       const uint64_t num_patches =
           geometry.kind == GeometryKind::Patches ? geometry.patches.control_points.size() / 16 : 0;
       out_.patch_ranges.push_back({uint32_t(out_.num_patches), uint32_t(num_patches)});
@@ -328,6 +331,7 @@ class Compiler {
           "the scene has more than 2^31 lamp triangles with geometry {}; make fewer of its triangles emit",
           s.geometry);
     }
+    const std::vector<Vec3f> *colors = m.emission_texture != invalid_id ? &lamp_colors(s, m) : nullptr;
     first_light = uint32_t(out_.lights.size());
     for (uint32_t t = 0; t < s.num_triangles; ++t) {
       Light light{};
@@ -335,9 +339,37 @@ class Compiler {
       light.triangle = s.first_triangle + t;
       light.placement = placement;
       light.two_sided = m.two_sided_emission;
-      light.color = m.emission;
+      light.color = colors ? (*colors)[t] : m.emission;
       out_.lights.push_back(light);
     }
+  }
+
+  // The mean radiance of each triangle of a lamp with a texture: above 0 wherever a part of it shines.
+  const std::vector<Vec3f> &lamp_colors(const Segment &s, const Material &m)
+  {
+    out_.has_emission_textures = true;
+    std::vector<Vec3f> &colors = lamp_colors_[s.first_triangle];
+    if (!colors.empty()) return colors;
+    auto texture = lamp_textures_.find(m.emission_texture);
+    if (texture == lamp_textures_.end())
+      texture = lamp_textures_.try_emplace(m.emission_texture, out_.textures[m.emission_texture]).first;
+    colors.resize(s.num_triangles);
+    parallel_for_each(s.num_triangles, [&](uint64_t t) {
+      Vec2f uv[3] = {};
+      if (s.first_uv != invalid_id) {
+        const Vec2f *uvs = out_.uvs.data() + s.first_uv - s.first_vertex;
+        const UInt3 corner = out_.indices[s.first_triangle + t];
+        uv[0] = uvs[corner.x], uv[1] = uvs[corner.y], uv[2] = uvs[corner.z];
+      }
+      const Vec3f mean = texture->second.mean(uv);
+      // What shines must not have the power 0 by rounding, nor one whose inverse is infinite.
+      for (int c = 0; c < 3; ++c) {
+        const float color = at(m.emission, c) * at(mean, c);
+        const bool shines = at(m.emission, c) > 0 && at(mean, c) > 0;
+        set(colors[t], c, shines ? std::max(color, std::numeric_limits<float>::min()) : 0.0f);
+      }
+    });
+    return colors;
   }
 
   static Light make_light(const PointLightData &l)
@@ -361,7 +393,9 @@ class Compiler {
   CompiledScene out_;
   std::vector<std::vector<PatchCells>> cells_;  // of each plan
   std::vector<std::unique_ptr<GeometrySource>> sources_;
-  size_t num_baked_ = 0;  // segments of group 0
+  size_t num_baked_ = 0;                                // segments of group 0
+  std::map<uint32_t, LampTexture> lamp_textures_;       // by index of the texture
+  std::map<uint32_t, std::vector<Vec3f>> lamp_colors_;  // by a segment's first triangle
 };
 
 }  // namespace
@@ -404,6 +438,8 @@ SceneView CompiledScene::view() const
   v.num_distant_lights = num_distant_lights;
   v.has_alpha_masks = has_alpha_masks ? 1 : 0;
   v.has_blending = has_blending ? 1 : 0;
+  v.has_absorption = has_absorption ? 1 : 0;
+  v.has_emission_textures = has_emission_textures ? 1 : 0;
   return v;
 }
 

@@ -54,6 +54,8 @@ struct CompiledScene {
   uint32_t num_distant_lights = 0;
   bool has_alpha_masks = false;  // or materials that blend
   bool has_blending = false;
+  bool has_absorption = false;         // by glass
+  bool has_emission_textures = false;  // of lamps
   double patch_error = 0;  // bound on the distance of patches and their triangles, in metres of the world
   double patch_error_pixels = 0;  // in pixels of PatchLimits' picture; infinite: none is known
   uint64_t num_patches = 0;

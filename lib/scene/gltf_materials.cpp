@@ -29,6 +29,14 @@ class Losses {
 
 Vec3f to_vec3(const std::vector<double> &v) { return {float(v[0]), float(v[1]), float(v[2])}; }
 
+Vec3f attenuation_color(const tinygltf::Value &volume)
+{
+  Vec3f color{1, 1, 1};
+  if (!volume.Has("attenuationColor")) return color;
+  for (int c = 0; c < 3; ++c) set(color, c, float(volume.Get("attenuationColor").Get(c).GetNumberAsDouble()));
+  return color;
+}
+
 // Sine and cosine of any angle, by reduction to [-pi/2, pi/2].
 void sincos(double angle, double &s, double &c)
 {
@@ -130,9 +138,13 @@ GltfLoadedMaterial GltfMaterials::convert(const tinygltf::Material &material, co
         if (ior == 0) losses.add("index of refraction 0, a perfect reflector (taken as 1.5)");
       }
       const tinygltf::Value *volume = gltf_extension(material.extensions, "KHR_materials_volume");
-      if (!volume || gltf_number(*volume, "thicknessFactor", 0) == 0)
-        losses.add("thin walls (taken as a solid)");
-      if (volume && volume->Has("attenuationDistance")) losses.add("absorption");
+      const bool is_thin = !volume || gltf_number(*volume, "thicknessFactor", 0) == 0;
+      if (is_thin) losses.add("thin walls (taken as a solid)");
+      // glTF wants no absorption of thin walls, as there is no distance within them.
+      if (!is_thin && volume->Has("attenuationDistance")) {
+        settings.attenuation_distance = float(gltf_number(*volume, "attenuationDistance", 0));
+        settings.attenuation_color = attenuation_color(*volume);
+      }
       if (volume && volume->Has("thicknessTexture")) losses.add("thickness texture");
     } else {
       if (transmission > 0) losses.add(fmt::format("transmission {:.3g} (taken as 0)", transmission));
@@ -146,9 +158,18 @@ GltfLoadedMaterial GltfMaterials::convert(const tinygltf::Material &material, co
   double emission[3];
   for (int c = 0; c < 3; ++c) emission[c] = material.emissiveFactor[size_t(c)] * scale;
   if (material.emissiveTexture.index >= 0 && emission[0] + emission[1] + emission[2] > 0) {
-    const bool is_known = images_.mean_of_texture(material.emissiveTexture.index, true, mean);
-    for (int c = 0; c < 3; ++c) emission[c] *= is_known ? mean.rgba[c] : 1;
-    losses.add(is_known ? "emissive texture (its mean is used)" : "emissive texture");
+    // A mesh has one set of texture coordinates, which the base colour's texture comes first to.
+    const GltfTextureCoordinates coordinates = coordinates_of(material.emissiveTexture);
+    if (!result.coordinates.is_used || coordinates == result.coordinates) {
+      settings.emission_texture = images_.load_texture(material.emissiveTexture.index);
+      if (settings.emission_texture == invalid_id) losses.add("emissive texture without a PNG or JPEG image");
+      else result.coordinates = coordinates;
+    } else {
+      const bool is_known = images_.mean_of_texture(material.emissiveTexture.index, true, mean);
+      for (int c = 0; c < 3; ++c) emission[c] *= is_known ? mean.rgba[c] : 1;
+      losses.add(is_known ? "emissive texture at other coordinates than the base colour's (its mean is used)"
+                          : "emissive texture without a PNG or JPEG image");
+    }
   }
   settings.emission = {float(emission[0]), float(emission[1]), float(emission[2])};
   settings.two_sided_emission = material.doubleSided;

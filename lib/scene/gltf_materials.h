@@ -2,10 +2,12 @@
 //
 //   glTF                                                    here
 //   transmission from 1/2 up, metallic below 1/2            glass, smooth, a closed solid
+//   KHR_materials_volume with a thickness                   glass that absorbs
 //   metallic from 1/2 up, roughness 0                       mirror that reflects the base colour
 //   metallic from 1/2 up, roughness above 0                 metal: GGX, alpha = roughness^2, F0 = base colour
 //   all else                                                Lambertian
 //   emissiveFactor x KHR_materials_emissive_strength        radiance; from the back too where doubleSided
+//   emissiveTexture                                         multiplies it, at the base colour's coordinates
 //   alphaMode MASK                                          holes below alphaCutoff
 //
 // What a material loses is named in one warning.
@@ -26,6 +28,8 @@ struct GltfTextureCoordinates {
   int set = 0;
   bool is_transformed = false;
   double transform[6] = {1, 0, 0, 0, 1, 0};  // 2 rows of 3
+
+  bool operator==(const GltfTextureCoordinates &) const = default;
 };
 
 struct GltfLoadedMaterial {

@@ -340,6 +340,11 @@ class Checker {
     factor("KHR_materials_specular", "specularFactor", 1);
     factor("KHR_materials_transmission", "transmissionFactor", 1);
     factor("KHR_materials_volume", "thicknessFactor", infinite);
+    if (json *e = extension(o, w, "KHR_materials_volume")) {
+      const std::string vw = w + ".extensions.KHR_materials_volume";
+      number(*e, vw, "attenuationDistance", std::numeric_limits<float>::min());
+      numbers(*e, vw, "attenuationColor", 3, 0, 1);
+    }
   }
 
   void check_primitive(json &o, const std::string &w)

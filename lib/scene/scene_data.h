@@ -104,7 +104,8 @@ struct CameraData {
 /// White Lambertian.
 inline Material default_material()
 {
-  return {MaterialType::Lambert, {1, 1, 1}, 1, 1.5f, 1, 0, {0, 0, 0}, invalid_id, 0, 0};
+  return {
+      MaterialType::Lambert, {1, 1, 1}, 1, 1.5f, 1, 0, {0, 0, 0}, invalid_id, 0, 0, invalid_id, {0, 0, 0}};
 }
 
 struct SceneData {

@@ -5,6 +5,7 @@
 
 #include "error.h"
 #include "scene/parallel.h"
+#include "scene/trigonometry.h"
 
 namespace gpurt {
 namespace {
@@ -115,6 +116,18 @@ uint32_t add_texture(SceneData &scene, TextureData texture)
 
 namespace {
 
+// Per metre, such that exp(-absorption distance) is the colour; infinity where nothing is left.
+Vec3f absorption_of(Vec3f color, float distance)
+{
+  Vec3f absorption{0, 0, 0};
+  for (int c = 0; c < 3; ++c) {
+    const float left = at(color, c);
+    if (left == 0) set(absorption, c, infinity);
+    else if (left < 1) set(absorption, c, float(-natural_logarithm(left) / double(distance)));
+  }
+  return absorption;
+}
+
 // Whether any texel is not opaque.
 bool has_alpha(const TextureData &texture)
 {
@@ -182,6 +195,32 @@ uint32_t add_material(SceneData &scene, const MaterialSettings &settings)
         scene.textures[settings.base_color_texture], [](float x, int) { return !(x >= 0 && x <= 1); },
         "a base colour must be in [0, 1]");
   }
+  if (settings.emission_texture != invalid_id) {
+    if (settings.emission_texture >= scene.textures.size()) {
+      fail_invalid("the emission names a texture that does not exist; the scene has {}",
+                   scene.textures.size());
+    }
+    check_texels(
+        scene.textures[settings.emission_texture],
+        [&](float x, int channel) {
+          return channel < 3 && (x < 0 || !is_finite(x * at(settings.emission, channel)));
+        },
+        "radiance, which it multiplies, must not be negative and must stay finite");
+    if (max_component(m.emission) > 0) m.emission_texture = settings.emission_texture;
+  }
+  for (int c = 0; c < 3; ++c) {
+    const float x = at(settings.attenuation_color, c);
+    if (!(x >= 0 && x <= 1))
+      fail_invalid("attenuation_color's {} is {}; it must be in [0, 1]", channel_names[c], x);
+  }
+  if (!(settings.attenuation_distance >= 0) || !is_finite(settings.attenuation_distance)) {
+    fail_invalid(
+        "attenuation_distance is {}; it must be a finite number of metres, or 0 for glass that does not "
+        "absorb",
+        settings.attenuation_distance);
+  }
+  if (settings.type == MaterialType::Glass && settings.attenuation_distance > 0)
+    m.absorption = absorption_of(settings.attenuation_color, settings.attenuation_distance);
   // What lets nothing through is opaque, and costs no more.
   if (settings.blends) {
     m.blends = m.alpha < 1 ||

@@ -22,6 +22,9 @@ struct MaterialSettings {
   Vec3f emission{0, 0, 0};                   // radiance, not negative
   uint32_t base_color_texture = invalid_id;  // index into SceneData::textures
   bool two_sided_emission = false;
+  uint32_t emission_texture = invalid_id;  // index into SceneData::textures
+  Vec3f attenuation_color{1, 1, 1};        // Glass: in [0, 1], what is left after the distance
+  float attenuation_distance = 0;          // Glass: metres of the world; 0: it does not absorb
 };
 
 /// Texels must be width * height * (4 or 16) bytes and, where they are floats, finite.

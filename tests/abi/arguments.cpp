@@ -231,6 +231,11 @@ TEST_F(Arguments, Materials)
     x.blends = 1;
     x.alpha_cutoff = 0.5f;
   });
+  refuse(add, d, "emission_texture is 1", [](auto &x) { x.emission_texture = 1; });
+  refuse(add, d, "attenuation_color", [](auto &x) { x.attenuation_color[2] = 1.5f; });
+  refuse(add, d, "attenuation_color", [](auto &x) { x.attenuation_color[0] = nan_value; });
+  refuse(add, d, "attenuation_distance", [](auto &x) { x.attenuation_distance = -1; });
+  refuse(add, d, "attenuation_distance", [](auto &x) { x.attenuation_distance = inf_value; });
   EXPECT_EQ(facts().num_materials, 0u);
 }
 

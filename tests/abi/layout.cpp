@@ -64,7 +64,7 @@ FIELD(gpurt_texture_desc, filter, 24);
 FIELD(gpurt_texture_desc, reserved, 28);
 FIELD(gpurt_texture_desc, texels, 32);
 
-SIZE(gpurt_material_desc, 60);
+SIZE(gpurt_material_desc, 80);
 FIELD(gpurt_material_desc, struct_size, 0);
 FIELD(gpurt_material_desc, type, 4);
 FIELD(gpurt_material_desc, base_color, 8);
@@ -76,6 +76,9 @@ FIELD(gpurt_material_desc, emission, 36);
 FIELD(gpurt_material_desc, base_color_texture, 48);
 FIELD(gpurt_material_desc, two_sided_emission, 52);
 FIELD(gpurt_material_desc, blends, 56);
+FIELD(gpurt_material_desc, emission_texture, 60);
+FIELD(gpurt_material_desc, attenuation_color, 64);
+FIELD(gpurt_material_desc, attenuation_distance, 76);
 
 SIZE(gpurt_mesh_desc, 168);
 FIELD(gpurt_mesh_desc, struct_size, 0);

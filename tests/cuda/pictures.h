@@ -221,6 +221,82 @@ inline void fill_veiled_everything(gpurt_scene scene)
   }
 }
 
+/// A material with every field of glass that absorbs, or of a lamp with a texture.
+inline uint32_t add_tinted_glass(gpurt_scene scene, std::array<float, 3> color, float distance)
+{
+  gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
+  desc.type = GPURT_MATERIAL_GLASS;
+  desc.attenuation_distance = distance;
+  std::memcpy(desc.attenuation_color, color.data(), sizeof desc.attenuation_color);
+  uint32_t id = 0;
+  GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &desc, &id));
+  return id;
+}
+inline uint32_t add_textured_lamp(gpurt_scene scene, std::array<float, 3> emission, uint32_t texture,
+                                  bool two_sided)
+{
+  gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
+  std::memcpy(desc.emission, emission.data(), sizeof desc.emission);
+  desc.emission_texture = texture;
+  desc.two_sided_emission = two_sided;
+  uint32_t id = 0;
+  GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &desc, &id));
+  return id;
+}
+
+/// The Cornell box with glass that absorbs, an opaque ball within one of its solids, a mask, and lamps with textures, one of
+/// them shared and mirrored.
+inline void fill_tinted_box(gpurt_scene scene)
+{
+  fill_cornell_box(scene);
+  const auto ball = [](float x, float y, float z, float radius) {
+    return icosphere(3).map(
+        [&](Vec v) { return Vec{radius * v[0] + x, radius * v[1] + y, radius * v[2] + z}; });
+  };
+  const uint32_t red = add_tinted_glass(scene, {0.9f, 0.2f, 0.05f}, 0.3f),
+                 blue = add_tinted_glass(scene, {0, 0.5f, 1}, 0.2f);
+  add_mesh(scene, ball(0.35f, -0.15f, 0.35f, 0.25f), red);
+  add_mesh(scene, ball(-0.4f, -0.7f, 0.5f, 0.28f), blue);
+  add_mesh(scene, ball(-0.4f, -0.7f, 0.5f, 0.1f),
+           add_material(scene, GPURT_MATERIAL_LAMBERT, {0.8f, 0.8f, 0.8f}));
+  Random random(23);
+  std::vector<uint8_t> texels(16 * 16 * 4);
+  for (size_t i = 0; i < texels.size(); ++i) texels[i] = i / 4 % 3 == 0 ? 0 : uint8_t(random.bits() >> 24);
+  const uint32_t texture = add_texture(scene, GPURT_TEXTURE_RGBA8_SRGB, 16, 16, texels.data(),
+                                       GPURT_WRAP_REPEAT, GPURT_FILTER_LINEAR);
+  gpurt_material_desc mask = GPURT_MATERIAL_DESC_INIT;
+  mask.base_color_texture = texture;
+  mask.alpha_cutoff = 0.4f;
+  uint32_t masked = 0;
+  GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &mask, &masked));
+  const auto add = [&](const Mesh &mesh, uint32_t material) {
+    std::vector<std::array<float, 2>> uvs;
+    for (const Vec &v : mesh.vertices) uvs.push_back({1.3f * v[0], 1.7f * (v[1] + v[2])});
+    gpurt_mesh_desc desc = GPURT_MESH_DESC_INIT;
+    desc.material = material;
+    desc.vertices.data = mesh.vertices.data();
+    desc.vertices.count = mesh.vertices.size();
+    desc.indices.data = mesh.triangles.data();
+    desc.indices.count = mesh.triangles.size();
+    desc.uvs.data = uvs.data();
+    desc.uvs.count = uvs.size();
+    uint32_t geometry = 0;
+    GPURT_EXPECT_OK(gpurt_scene_add_mesh(scene, &desc, &geometry));
+    return geometry;
+  };
+  place(scene,
+        add(quad({0.1f, 0.2f, -0.8f}, {0.9f, 0.2f, -0.8f}, {0.9f, 0.9f, -0.6f}, {0.1f, 0.9f, -0.6f}), masked),
+        {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0});
+  place(scene,
+        add(quad({-0.9f, 0, -0.5f}, {-0.9f, 0, 0.5f}, {-0.9f, 0.5f, 0.5f}, {-0.9f, 0.5f, -0.5f}),
+            add_textured_lamp(scene, {3, 4, 5}, texture, true)),
+        {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0});
+  const uint32_t bulb = add(icosphere(1), add_textured_lamp(scene, {9, 6, 3}, texture, false));
+  for (int i = 0; i < 3; ++i)
+    place(scene, bulb,
+          {i == 1 ? -0.06f : 0.06f, 0, 0, 0.5f * float(i) - 0.4f, 0, 0.06f, 0, 0.5f, 0, 0, 0.06f, 0.6f});
+}
+
 constexpr uint32_t error_outputs = 1u << GPURT_OUTPUT_BIAS | 1u << GPURT_OUTPUT_ERROR;  // of photon mapping
 constexpr uint32_t all_outputs =
     ((1u << GPURT_OUTPUT_COUNT) - 1) & ~(1u << GPURT_OUTPUT_TIME) & ~error_outputs;

@@ -91,6 +91,15 @@ TEST(CudaImages, OfSurfacesThatBlendHaveTheBitsOfTheCpu)
   }
 }
 
+// Glass that absorbs along paths and shadow rays, and lamps whose textures are met and drawn.
+TEST(CudaImages, OfTintedGlassAndTexturedLampsHaveTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+    compare_images(make_device(GPURT_DEVICE_CPU), make_device(GPURT_DEVICE_CUDA), fill_tinted_box,
+                   big_picture(), accel);
+}
+
 // Waves must shrink until they fit; the image may not change.
 TEST(CudaImages, AreTheSameInLittleMemory)
 {
@@ -193,9 +202,12 @@ TEST(Images, OfACornellBoxDoNotDependOnTheNumberOfThreads)
 
 TEST(Images, OfEverythingDoNotDependOnTheNumberOfThreads)
 {
-  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH}) {
     compare_images(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_everything,
                    picture(48, 40, 8), accel);
+    compare_images(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill_tinted_box,
+                   picture(48, 40, 8), accel);
+  }
 }
 
 TEST(Images, OfSurfacesThatBlendDoNotDependOnTheNumberOfThreads)

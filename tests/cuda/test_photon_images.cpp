@@ -168,6 +168,16 @@ TEST(CudaPhotonImages, OfSurfacesThatBlendHaveTheBitsOfTheCpu)
   compare_estimator(cpu, cuda, fill_veiled_everything, GPURT_PHOTON_ESTIMATOR_PER_PIXEL);
 }
 
+// Photons keep the medium that they fly through, and lamps send them by their textures.
+TEST(CudaPhotonImages, OfTintedGlassAndTexturedLampsHaveTheBitsOfTheCpu)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device cpu = make_device(GPURT_DEVICE_CPU), cuda = make_device(GPURT_DEVICE_CUDA);
+  for (gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH})
+    compare_passes(cpu, cuda, fill_tinted_box, picture(), accel);
+  compare_estimator(cpu, cuda, fill_tinted_box, GPURT_PHOTON_ESTIMATOR_PER_PIXEL);
+}
+
 TEST(CudaPhotonImages, OfEverythingHaveTheBitsOfTheCpu)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
@@ -274,7 +284,7 @@ TEST(CudaPair, RefusesStatisticsOfPixels)
 TEST(PhotonImages, DoNotDependOnTheNumberOfThreads)
 {
   Pass o{45, 33, 4};
-  for (void (*fill)(gpurt_scene) : {fill_cornell_box, fill_everything}) {
+  for (void (*fill)(gpurt_scene) : {fill_cornell_box, fill_everything, fill_tinted_box}) {
     compare_passes(make_device(GPURT_DEVICE_CPU, 1), make_device(GPURT_DEVICE_CPU, 0), fill, o,
                    GPURT_ACCEL_BVH);
   }

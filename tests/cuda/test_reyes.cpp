@@ -125,6 +125,7 @@ TEST(CudaReyes, OfUnshadowedLightHasTheBitsOfTheCpu)
   const Device cpu = make_device(GPURT_DEVICE_CPU), cuda = make_device(GPURT_DEVICE_CUDA);
   compare_devices(cpu, cuda, fill_lit, unshadowed_pictures());
   compare_devices(cpu, cuda, fill_everything, {unshadowed_pictures()[0]});
+  compare_devices(cpu, cuda, fill_tinted_box, {unshadowed_pictures()[0], everything_pictures()[0]});
 }
 
 // Light of micropolygons: of their own alone, so in frames of few outputs.

@@ -437,6 +437,7 @@ TEST(CudaSchedules, OfRendersGiveTheSameImages)
     compare_renders(device, fill_everything, accel, all_outputs, o);
     compare_renders(device, fill_veiled_box, accel, 0, o);
     compare_renders(device, fill_veiled_everything, accel, all_outputs, o);
+    compare_renders(device, fill_tinted_box, accel, all_outputs, o);
   }
 }
 

@@ -2,7 +2,7 @@
 #include <cstdio>
 #include <functional>
 
-#include "../support/gpurt_test.h"
+#include "../support/textures.h"
 
 namespace {
 
@@ -47,7 +47,7 @@ void add_light(gpurt_scene scene, gpurt_light_type type, std::array<float, 3> po
 
 // A corner of a room with a glass ball, a rough metal and a mirror ball in it.
 Scene make_room(gpurt_device device, const Lights &lights, gpurt_accel accel = GPURT_ACCEL_BVH,
-                bool has_caustics = true)
+                bool has_caustics = true, float attenuation_distance = 0)
 {
   Scene scene;
   GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
@@ -63,6 +63,8 @@ Scene make_room(gpurt_device device, const Lights &lights, gpurt_accel accel = G
     gpurt_material_desc glass = GPURT_MATERIAL_DESC_INIT;
     glass.type = GPURT_MATERIAL_GLASS;
     glass.ior = 1.5f;
+    glass.attenuation_distance = attenuation_distance;
+    for (int k = 0; k < 3; ++k) glass.attenuation_color[k] = 0.9f - 0.4f * float(k);
     uint32_t id;
     GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &glass, &id));
     ball(-0.4f, -0.6f, 0.35f, id);
@@ -240,6 +242,7 @@ TEST_P(PhotonMapping, HasTheMeansOfPathTracingUnderEveryLight)
       {"distant",
        [](gpurt_scene s) { add_light(s, GPURT_LIGHT_DISTANT, {}, {-0.5f, -0.6f, -0.62f}, {2, 2, 2}); }},
       {"environment", [](gpurt_scene s) { set_environment(s, 1); }},
+      {"environment and glass that absorbs", [](gpurt_scene s) { set_environment(s, 1); }},
       {"two-sided lamp",
        [](gpurt_scene s) {
          gpurt_material_desc lamp = GPURT_MATERIAL_DESC_INIT;
@@ -254,8 +257,9 @@ TEST_P(PhotonMapping, HasTheMeansOfPathTracingUnderEveryLight)
   for (const auto &[name, lights] : kinds) {
     // Caustics of small lights are found by photons alone.
     const std::string kind = name;
-    const bool has_caustics = kind == "environment";
-    const Scene scene = make_room(device, lights, GPURT_ACCEL_BVH, has_caustics);
+    const bool has_caustics = kind.starts_with("environment");
+    const float attenuation_distance = kind == "environment" ? 0.0f : 0.3f;
+    const Scene scene = make_room(device, lights, GPURT_ACCEL_BVH, has_caustics, attenuation_distance);
     Work o;
     o.spp = 24;
     o.photon.photons_per_pass = 16384;
@@ -269,6 +273,57 @@ TEST_P(PhotonMapping, HasTheMeansOfPathTracingUnderEveryLight)
     const double a = mean(color_of(photon)), b = mean(color_of(path));
     std::printf("%s: photon %.5f, path %.5f, ratio %.4f\n", name, a, b, a / b);
     EXPECT_NEAR(a / b, 1, 0.01) << name;
+  }
+}
+
+// Masks, of surfaces that scatter and of lamps, against the strips of them that are there as surfaces of their own: what both
+// backends and both pipelines get wrong alike shows. Photons meet the masks on their first ways and on later ones.
+TEST_P(PhotonMapping, HasTheMeansOfPathTracingBehindMasks)
+{
+  const Device device = make_device(GetParam());
+  const std::vector<bool> strips = {true, false, false, true, false, true, false};
+  const Corners screen{{{-0.9f, 0.3f, -0.9f}, {0.9f, 0.3f, -0.9f}, {0.9f, 0.2f, 0.9f}, {-0.9f, 0.2f, 0.9f}}};
+  const Corners lamp{
+      {{-0.3f, 0.95f, -0.3f}, {0.3f, 0.95f, -0.3f}, {0.3f, 0.95f, 0.3f}, {-0.3f, 0.95f, 0.3f}}};
+  const auto add = [&](gpurt_scene scene, const Corners &corners, gpurt_material_desc desc, bool has_mask) {
+    if (has_mask) {
+      desc.base_color_texture = add_strips(scene, strips);
+      desc.alpha_cutoff = 0.5f;
+    }
+    uint32_t id = 0;
+    GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &desc, &id));
+    if (has_mask) add_sheet(scene, corners, id);
+    else add_sheets(scene, corners, strips, id);
+  };
+  const auto lit = [&](gpurt_pipeline pipeline, bool has_masks) {
+    const Scene scene = make_room(
+        device,
+        [&](gpurt_scene s) {
+          gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
+          desc.base_color[0] = 0.9f, desc.base_color[1] = 0.6f, desc.base_color[2] = 0.3f;
+          add(s, screen, desc, has_masks);
+          for (float &c : desc.base_color) c = 0.2f;
+          desc.emission[0] = 30, desc.emission[1] = 25, desc.emission[2] = 20;
+          add(s, lamp, desc, has_masks);
+        },
+        GPURT_ACCEL_BVH, false);
+    Work o;
+    o.pipeline = pipeline;
+    // Direct light is the noise of both, so photon mapping takes many passes, of few photons.
+    o.spp = pipeline == GPURT_PIPELINE_PATH ? 1024 : 256;
+    if (pipeline == GPURT_PIPELINE_PHOTON) {
+      o.photon.photons_per_pass = 4096;
+      o.photon.initial_radius = 0.04f;
+    }
+    const Frame frame = frame_of(scene);
+    EXPECT_EQ(submit(frame, o), GPURT_OK);
+    return mean(color_of(frame));
+  };
+  const double expected = lit(GPURT_PIPELINE_PATH, false);
+  for (const gpurt_pipeline pipeline : {GPURT_PIPELINE_PATH, GPURT_PIPELINE_PHOTON}) {
+    const double masked = lit(pipeline, true);
+    std::printf("masks: %.5f, strips %.5f, ratio %.4f\n", masked, expected, masked / expected);
+    EXPECT_NEAR(masked / expected, 1, 0.01);
   }
 }
 

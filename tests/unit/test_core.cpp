@@ -38,6 +38,19 @@ TEST(Functions, SinesAndArcTangentsAgreeWithLibm)
   EXPECT_EQ(atan2(0.0f, 0.0f), 0.0f);
 }
 
+TEST(Functions, ExponentialsAgreeWithLibm)
+{
+  EXPECT_EQ(exp_of_negative(0.0f), 1.0f);
+  EXPECT_EQ(exp_of_negative(-infinity), 0.0f);
+  EXPECT_EQ(exp_of_negative(-104.0f), 0.0f);
+  for (int i = 1; i < 20000; ++i) {
+    const float x = float(i) * -0.0052f;
+    const double expected = std::exp(double(x));
+    // 2 ulp, and half of the smallest float.
+    EXPECT_NEAR(exp_of_negative(x), expected, expected * 0x1p-22 + 0x1p-149) << x;
+  }
+}
+
 TEST(Functions, SrgbTableMatchesTheCurve)
 {
   for (int i = 0; i < 256; ++i) {

@@ -52,6 +52,18 @@ TEST(GltfMaterials, ExactCounterparts)
                        {"KHR_materials_volume", {{"thicknessFactor", 1}}}}}});
   EXPECT_EQ(m.material.type, MaterialType::Glass);
   EXPECT_EQ(m.material.ior, 1.33f);
+  EXPECT_EQ(m.material.absorption.x, 0);
+  EXPECT_EQ(m.warnings, "");
+
+  m = load_material(
+      {{"pbrMetallicRoughness", pbr(0, 0)},
+       {"extensions",
+        {{"KHR_materials_transmission", {{"transmissionFactor", 1}}},
+         {"KHR_materials_volume",
+          {{"thicknessFactor", 1}, {"attenuationDistance", 0.5}, {"attenuationColor", {0.25, 1, 0}}}}}}});
+  EXPECT_EQ(m.material.absorption.x, float(2 * std::log(4.0)));
+  EXPECT_EQ(m.material.absorption.y, 0);
+  EXPECT_EQ(m.material.absorption.z, infinity);
   EXPECT_EQ(m.warnings, "");
 
   m = load_material({{"pbrMetallicRoughness", pbr(0, 1, {0, 0, 0, 1})},
@@ -123,6 +135,14 @@ TEST(GltfMaterials, ApproximationsAreNamed)
   EXPECT_EQ(m.material.type, MaterialType::Glass);
   for (const char *word : {"transmission 0.9", "roughness 0.2", "thin walls"})
     expect_contains(m.warnings, word);
+  // Within thin walls there is no way to absorb on.
+  m = load_material(
+      {{"pbrMetallicRoughness", pbr(0, 0)},
+       {"extensions",
+        {{"KHR_materials_transmission", {{"transmissionFactor", 1}}},
+         {"KHR_materials_volume", {{"attenuationDistance", 0.5}, {"attenuationColor", {0.25, 1, 0}}}}}}});
+  EXPECT_EQ(m.material.absorption.x, 0);
+  expect_contains(m.warnings, "thin walls");
   m = load_material({{"pbrMetallicRoughness", pbr(1, 1e-6)}});
   EXPECT_EQ(m.material.type, MaterialType::Mirror);
   expect_contains(m.warnings, "roughness 1e-06");
@@ -194,7 +214,9 @@ TEST(GltfTextures, NumbersInTexturesActByTheirMean)
   // Roughness is green, metallic blue: means 0.5 and 1.
   const int image = t.image(make_png(2, 1, {0, 255, 255, 255, 0, 0, 255, 255}));
   t.builder.add("textures", {{"source", image}});
-  t.builder.add("materials", {{"pbrMetallicRoughness", {{"metallicRoughnessTexture", {{"index", 0}}}}},
+  t.builder.add("materials", {{"pbrMetallicRoughness",
+                               {{"metallicRoughnessTexture", {{"index", 0}}},
+                                {"baseColorTexture", {{"index", 0}, {"texCoord", 1}}}}},
                               {"emissiveTexture", {{"index", 0}}},
                               {"emissiveFactor", {1, 1, 1}}});
   t.builder.root["meshes"][0]["primitives"][0]["material"] = 0;
@@ -207,7 +229,33 @@ TEST(GltfTextures, NumbersInTexturesActByTheirMean)
   EXPECT_EQ(m.emission.y, 0.5f);
   EXPECT_EQ(m.emission.z, 1);
   expect_contains(warnings, "metallic-roughness texture");
-  expect_contains(warnings, "emissive texture");
+  expect_contains(warnings, "emissive texture at other coordinates");
+  EXPECT_EQ(m.emission_texture, invalid_id);
+}
+
+TEST(GltfTextures, LampsShineThroughThem)
+{
+  Textured t;
+  const int image = t.image(make_png(2, 1, {255, 255, 255, 255, 0, 0, 0, 255}));
+  t.builder.add("textures", {{"source", image}});
+  const json moved = {{"index", 0}, {"extensions", {{"KHR_texture_transform", {{"scale", {0.5, 1}}}}}}};
+  for (const bool has_base : {false, true}) {
+    json pbr = json::object();
+    if (has_base) pbr["baseColorTexture"] = moved;
+    t.builder.root["materials"] = json::array();
+    t.builder.add(
+        "materials",
+        {{"pbrMetallicRoughness", pbr}, {"emissiveTexture", moved}, {"emissiveFactor", {1, 0.5, 0}}});
+    t.builder.root["meshes"][0]["primitives"][0]["material"] = 0;
+    std::string warnings;
+    const SceneData d = t.load(&warnings);
+    const Material &m = d.materials[d.geometries[0].material];
+    ASSERT_EQ(d.textures.size(), 1u);
+    EXPECT_EQ(m.emission_texture, 0u);
+    EXPECT_EQ(m.emission.y, 0.5f);
+    EXPECT_EQ(warnings.find("emissive"), std::string::npos) << warnings;
+    EXPECT_EQ(d.geometries[0].mesh.uvs[2].x, 0.5f) << "its coordinates count";
+  }
 }
 
 TEST(GltfTextures, UnusedImagesAreNotRead)

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 
+#include "scene/trigonometry.h"
 #include "scene_builders.h"
 
 namespace gpurt {
@@ -153,6 +154,28 @@ TEST(SceneValidate, Materials)
   EXPECT_EQ(d.materials[add_material(d, m)].ior, 1.5f);
 }
 
+TEST(SceneValidate, Absorption)
+{
+  SceneData d;
+  MaterialSettings m;
+  m.attenuation_color = {0.5f, 1, 1.5f};
+  expect_contains(error_of([&] { add_material(d, m); }), "attenuation_color's blue is 1.5");
+  m.attenuation_color = {0.5f, 1, 0};
+  m.attenuation_distance = nan;
+  expect_contains(error_of([&] { add_material(d, m); }), "attenuation_distance is nan");
+  m.attenuation_distance = 2;
+  EXPECT_EQ(d.materials[add_material(d, m)].absorption.x, 0) << "no glass";
+  m.type = MaterialType::Glass;
+  const Vec3f absorption = d.materials[add_material(d, m)].absorption;
+  EXPECT_EQ(absorption.x, float(std::log(2.0) / 2));
+  EXPECT_EQ(absorption.y, 0);
+  EXPECT_EQ(absorption.z, infinity);
+  m.attenuation_distance = 0;
+  EXPECT_EQ(d.materials[add_material(d, m)].absorption.z, 0) << "no distance";
+  for (const double x : {1e-30, 0.1, 0.7071, 0.999999, 1.0, 1.5, 3e38})
+    EXPECT_NEAR(natural_logarithm(x), std::log(x), 1e-15 * std::fabs(std::log(x)) + 1e-21) << x;
+}
+
 TEST(SceneValidate, Textures)
 {
   SceneData d;
@@ -166,8 +189,20 @@ TEST(SceneValidate, Textures)
   m.base_color_texture = bright;
   expect_contains(error_of([&] { add_material(d, m); }), "texel at (0, 1) is 5");
   set_environment(d, {{1, 1, 1}, bright});
+  m = {};
+  m.emission_texture = 9;
+  expect_contains(error_of([&] { add_material(d, m); }), "emission names a texture that does not exist");
+  m.emission_texture = bright;
+  m.emission = {1, 1e38f, 1};
+  expect_contains(error_of([&] { add_material(d, m); }), "texel at (0, 1) is 5; radiance");
+  m.emission = {1, 1, 1};
+  EXPECT_EQ(d.materials[add_material(d, m)].emission_texture, bright);
+  m.emission = {0, 0, 0};
+  EXPECT_EQ(d.materials[add_material(d, m)].emission_texture, invalid_id) << "no lamp";
   const uint32_t negative = add_texture(d, make_texture(1, 1, {0, -1, 0, 1}));
   expect_contains(error_of([&] { set_environment(d, {{1, 1, 1}, negative}); }), "must not be negative");
+  m.emission_texture = negative;
+  expect_contains(error_of([&] { add_material(d, m); }), "must not be negative");
   expect_contains(error_of([&] { set_environment(d, {{1, 1, 1}, 7}); }), "does not exist");
   expect_contains(error_of([&] { set_environment(d, {{nan, 1, 1}, invalid_id}); }), "radiance");
   EXPECT_EQ(d.environment.texture, bright);

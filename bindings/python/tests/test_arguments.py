@@ -83,6 +83,10 @@ TYPE_CASES = {
     "vertices: expected an array of numbers, got elements of type complex64": lambda s: s.add_mesh(V * 1j),
     "material: expected an integer, got float": lambda s: s.add_mesh(V, I, material=1.0),
     "roughness: expected a number, got list": lambda s: s.add_material("metal", roughness=[1]),
+    "attenuation_color: expected a number or 3 numbers, got [2]":
+        lambda s: s.add_material("glass", attenuation_color=(1, 2)),
+    "attenuation_distance: expected a number, got list":
+        lambda s: s.add_material("glass", attenuation_distance=[1]),
     "width: expected an integer, got str": lambda s: s.commit().render(width="512"),
     "out: expected a numpy array, got list": lambda s: s.trace(np.zeros((1, 8)), out=[1]),
     "log: expected a function or None, got int": lambda s: gpurt.Device(log=3),

@@ -215,6 +215,25 @@ def test_textures(device):
     assert albedo[1, 4].tolist() == [1, 0, 0] and albedo[6, 4].tolist() == [0, 1, 0]
 
 
+def test_lamps_with_textures_seen_through_glass_that_absorbs(device):
+    texels = np.zeros((1, 2, 4), np.uint8)
+    texels[0, 1] = 255
+    scene = gpurt.Scene(device)
+    texture = scene.add_texture(texels, filter="nearest", wrap="clamp", srgb=False)
+    vertices, indices = quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
+    scene.add_mesh(vertices, indices, uvs=[(0, 0), (1, 0), (1, 1), (0, 1)],
+                   material=scene.add_material(base_color=0, emission=(1, 2, 3), emission_texture=texture))
+    glass = scene.add_material("glass", attenuation_color=(0, 0.5, 1), attenuation_distance=0.5)
+    for vertices, indices in (quad((-2, -2, 1.5), (4, 0, 0), (0, 4, 0)), quad((-2, -2, 1), (0, 4, 0), (4, 0, 0))):
+        scene.add_mesh(vertices, indices, material=glass)
+    scene.add_camera(position=(0, 0, 5), target=(0, 0, 0), yfov=0.05)
+    color = scene.commit().render(width=8, height=8, spp=256, max_depth=3).color[..., :3]
+    assert not color[:, :3].any()
+    # Both sides pass 0.96 each; what is reflected comes from the black around.
+    expected = 0.96 ** 2 * np.array([0, 2 * 0.5, 3])
+    assert np.allclose(color[:, 5:].mean(axis=(0, 1)), expected, rtol=0.02)
+
+
 def test_cameras_look_where_they_are_told(device):
     scene = gpurt.Scene(device)
     assert scene.add_camera(position=(1, 2, 3), target=(1, 2, 0), yfov=0.5, width=7, height=5) == 0

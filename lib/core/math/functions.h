@@ -1,6 +1,6 @@
-// Sine, cosine, arc tangent and the sRGB curve with the same bits on every machine.
+// Sine, cosine, exponential, arc tangent and the sRGB curve with the same bits on every machine.
 //
-// Source: Moshier 1989, Cephes: the polynomials of sinf, cosf and atanf; errors below 2 ulp on the reduced ranges.
+// Source: Moshier 1989, Cephes: the polynomials of sinf, cosf, expf and atanf; errors below 2 ulp on the reduced ranges.
 #pragma once
 
 #include "core/math/vec.h"
@@ -23,6 +23,23 @@ GPURT_INLINE void sincos_turns(float x, float &sine, float &cosine)
   cosine = (q & 1) ? s : c;
   if (q & 2) sine = -sine;
   if (q == 1 || q == 2) cosine = -cosine;
+}
+
+// e^x for x <= 0, down to 0 for what is below the smallest float.
+GPURT_INLINE float exp_of_negative(float x)
+{
+  if (!(x > -104.0f)) return 0.0f;
+  const float n = floor(fma(x, 1.44269504088896341f, 0.5f));  // of log2 e
+  // x - n ln 2, in two parts, of which the first is exact.
+  const float r = fma(n, 2.12194440e-4f, fma(n, -0.693359375f, x));
+  const float p =
+      fma(fma(fma(fma(fma(1.9875691500e-4f, r, 1.3981999507e-3f), r, 8.3334519073e-3f), r, 4.1665795894e-2f),
+              r, 1.6666665459e-1f),
+          r, 5.0000001201e-1f);
+  const float y = fma(p, r * r, r) + 1.0f;
+  // By halves, each of which is a normal number: the product may be none.
+  const int half = int(n) / 2, rest = int(n) - half;
+  return y * float_from_bits(uint32_t(half + 127) << 23) * float_from_bits(uint32_t(rest + 127) << 23);
 }
 
 GPURT_INLINE float atan_positive(float x)

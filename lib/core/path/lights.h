@@ -81,6 +81,25 @@ GPURT_INLINE float lamp_opacity(const SceneView &scene, const Light &light, Vec2
   return opacity_at(scene, light.triangle, flips ? uv.y : uv.x, flips ? uv.x : uv.y);
 }
 
+// Radiance of a lamp where its texture coordinates are uv, opacity aside.
+GPURT_INLINE Vec3f lamp_radiance(const SceneView &scene, const Material &material, Vec2f uv)
+{
+  if (!scene.has_emission_textures || material.emission_texture == invalid_id) return material.emission;
+  const Texel t = sample_texture(scene.textures[material.emission_texture], uv);
+  return material.emission * Vec3f{t.r, t.g, t.b};
+}
+
+// The same at the point with the given weights of light_triangle's second and third corner, opacity included.
+GPURT_INLINE Vec3f lamp_radiance(const SceneView &scene, const Light &light, Vec2f uv)
+{
+  if (!scene.has_emission_textures) return light.color * lamp_opacity(scene, light, uv);
+  const Segment &segment = scene.segments[scene.triangle_segment[light.triangle]];
+  const bool flips = light.placement != invalid_id && scene.placements[light.placement].flips != 0;
+  const Vec2f at =
+      interpolate_uv(scene, segment, scene.indices[light.triangle], flips ? uv.y : uv.x, flips ? uv.x : uv.y);
+  return lamp_radiance(scene, scene.materials[segment.material], at) * lamp_opacity(scene, light, uv);
+}
+
 GPURT_INLINE float spot_falloff(const Light &light, Vec3f to_surface)
 {
   // Source: glTF extension KHR_lights_punctual, with its floor of 0.001 on the cone's width.
@@ -121,7 +140,7 @@ GPURT_HD inline bool sample_light(const SceneView &scene, Vec3f p, Vec3f n, floa
       if (light.two_sided) cos_light = abs(cos_light);
       if (!(cos_light > 0.0f) || !(twice_area > 0.0f) || !(distance2 > 0.0f)) return false;
       s.pdf = probability * distance2 / (0.5f * twice_area * cos_light);
-      s.radiance = light.color * lamp_opacity(scene, light, uv);
+      s.radiance = lamp_radiance(scene, light, uv);
       s.triangle = light.triangle;
       // End in front of the lamp by its rounding error and that of a distance measured along the ray, in float, so that
       // the lamp does not shadow itself.

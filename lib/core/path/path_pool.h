@@ -19,7 +19,7 @@ struct alignas(16) PoolPath {
   uint32_t depth;  // of the ray that is traced next
   uint64_t seed;   // the key of the path's samples
   uint32_t reversed_index;
-  uint32_t padding;
+  uint32_t medium;
 };
 
 struct alignas(16) PathResult {
@@ -51,7 +51,7 @@ struct StartPaths {
     float depth_per_t;
     queue.rays[slot + i] = camera_ray(settings.camera, float(s.x) + u.x, float(s.y) + u.y, depth_per_t);
     queue.paths[slot + i] = {vec3(1.0f), 0.0f,     vec3(0.0f),         first + i, vec3(0.0f),
-                             1,          key.seed, key.reversed_index, 0};
+                             1,          key.seed, key.reversed_index, medium_air};
     queue.left_out[slot + i] = invalid_id;
     results[first + i] = {vec3(0.0f), 0};
   }

@@ -4,6 +4,7 @@
 #include "core/path/bsdf.h"
 #include "core/path/camera.h"
 #include "core/path/lights.h"
+#include "core/path/medium.h"
 #include "core/random/sobol.h"
 
 namespace gpurt {
@@ -17,6 +18,7 @@ struct PathState {
   Vec3f radiance;
   SampleKey key;
   uint32_t covered;
+  uint32_t medium;  // of the ray that is traced next (core/path/medium.h), where glass absorbs
 };
 
 // A ray that leaves a surface starts beyond its own surface, or on it where coordinates are exact, as on the plane y = 0:
@@ -36,8 +38,10 @@ enum PathDimension : uint32_t {
   dims_per_step = 3
 };
 
-// The talk's material and light kernel, of one hit.
-struct PathVertex {
+// The talk's material and light kernel, of one hit. Without MayAbsorb for scenes whose glass does not: absorption costs
+// kernels registers.
+template <bool MayAbsorb>
+struct BasicPathVertex {
   const SceneView &scene;
   const PathSettings &settings;
   uint32_t depth;  // of the ray that was traced: 1 is the eye ray
@@ -55,6 +59,7 @@ struct PathVertex {
     const SurfaceHit surface = surface_at(scene, hit);
     const Material &material = scene.materials[surface.material];
     const Vec3f wo_world = -normalize(ray.direction);
+    absorb(ray, hit, surface, material, wo_world, path);
     add_lamp(surface, material, wo_world, path);
 
     // The shading frame. Everything but glass is the same from both sides.
@@ -82,12 +87,24 @@ struct PathVertex {
   GPURT_HD void add_environment(const Ray &ray, PathState &path) const
   {
     if (!scene.environment.is_present) return;
+    if (absorbs()) path.throughput *= transmittance(scene, path.medium, infinity);
     const Vec3f w = depth == 1 ? ray.direction : normalize(ray.direction);
     float weight = 1.0f;
     if (path.pdf > 0.0f) {
       weight = power_heuristic(path.pdf, environment_light_pdf(scene, path.position, path.normal, w));
     }
     path.radiance = path.radiance + path.throughput * environment_radiance(scene, w) * weight;
+  }
+
+  GPURT_HD bool absorbs() const { return MayAbsorb && scene.has_absorption != 0; }
+
+  // What the ray's way to the surface leaves of the path, and in which medium it came there.
+  GPURT_HD void absorb(const Ray &ray, const Hit &hit, const SurfaceHit &surface, const Material &material,
+                       Vec3f wo_world, PathState &path) const
+  {
+    if (!absorbs()) return;
+    path.medium = medium_before(path.medium, surface, material, wo_world);
+    path.throughput *= transmittance(scene, path.medium, hit.t * length(ray.direction));
   }
 
   // Lamps that the ray met, weighed against having drawn them at the last vertex.
@@ -101,7 +118,7 @@ struct PathVertex {
       weight = power_heuristic(
           path.pdf, lamp_pdf(scene, path.position, path.normal, surface.light, surface.position, wo_world));
     }
-    path.radiance += path.throughput * material.emission * weight;
+    path.radiance += path.throughput * lamp_radiance(scene, material, surface.uv) * weight;
   }
 
   template <class Sink>
@@ -120,7 +137,11 @@ struct PathVertex {
     ray.tmin = leaving_tmin;
     ray.direction = light.at_infinity ? light.target : light.target - ray.origin;
     ray.tmax = light.at_infinity ? infinity : shadow_tmax;
-    sink.shadow(ray, path.throughput * f * light.radiance * (weight / light.pdf), light.triangle);
+    Vec3f contribution = path.throughput * f * light.radiance * (weight / light.pdf);
+    if (absorbs()) {
+      contribution *= transmittance(scene, path.medium, light.at_infinity ? infinity : length(ray.direction));
+    }
+    sink.shadow(ray, contribution, light.triangle);
   }
 
   template <class Sink>
@@ -141,6 +162,7 @@ struct PathVertex {
       path.throughput *= 1.0f / survival;
     }
     const Vec3f wi = s * next.wi.x + t * next.wi.y + normal * next.wi.z;
+    if (absorbs()) path.medium = medium_after(path.medium, surface, scene.materials[surface.material], wi);
     path.pdf = next.pdf;
     path.position = surface.position;
     path.normal = normal;
@@ -148,6 +170,7 @@ struct PathVertex {
                leaving_tmin, wi, infinity});
   }
 };
+using PathVertex = BasicPathVertex<true>;
 
 GPURT_FUNCTIONS_END
 }  // namespace gpurt

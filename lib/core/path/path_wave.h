@@ -80,7 +80,7 @@ struct GenerateCameraRays {
     float depth_per_t;
     wave.rays.rays[i] = camera_ray(settings.camera, float(s.x) + u.x, float(s.y) + u.y, depth_per_t);
     wave.rays.paths[i] = i;
-    wave.paths[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0};
+    wave.paths[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0, medium_air};
   }
 };
 
@@ -97,7 +97,8 @@ struct VertexSlots {
   GPURT_HD void next(const Ray &ray) const { wave.next_rays.rays[i] = ray; }
 };
 
-struct ShadePathVertex {
+template <bool MayAbsorb>
+struct BasicShadePathVertex {
   SceneView scene;
   PathSettings settings;
   PathWave wave;
@@ -118,10 +119,11 @@ struct ShadePathVertex {
   GPURT_HD PathState shade(uint32_t i, uint32_t path_index, const Sink &sink) const
   {
     PathState path = wave.paths[path_index];
-    PathVertex{scene, settings, depth}.shade(wave.rays.rays[i], wave.hits[i], path, sink);
+    BasicPathVertex<MayAbsorb>{scene, settings, depth}.shade(wave.rays.rays[i], wave.hits[i], path, sink);
     return path;
   }
 };
+using ShadePathVertex = BasicShadePathVertex<true>;
 
 // What an eye ray met, for the film's optional arrays. `add(sum, term)` adds to a sum of the pixel's.
 struct EyeFeatures {

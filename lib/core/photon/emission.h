@@ -26,7 +26,7 @@ struct EmittedPhoton {
 
 // Pairs of sample dimensions of a photon path: those of emission, then those of each vertex.
 enum PhotonDimension : uint32_t {
-  photon_dim_light = 0,  // which light; the side of two-sided ones
+  photon_dim_light = 0,  // which light; the side of two-sided ones, and whether a dim place sends a photon
   photon_dim_position = 1,
   photon_dim_direction = 2,
   photon_dims_of_emission = 3,
@@ -108,16 +108,29 @@ GPURT_INLINE Ray ray_through_scene(const EmissionView &emission, Vec3f direction
   return {origin, 0.0f, direction, infinity};
 }
 
-// A photon of a lamp: uniform in area, cosine-weighted in direction, which is radiance times cosine.
+// A photon of a lamp: uniform in area but for its texture, cosine-weighted in direction, which is radiance times cosine.
 GPURT_INLINE bool emit_from_triangle(const SceneView &scene, const Light &light, float side, Vec2f u_position,
                                      Vec2f u_direction, Ray &ray, Vec3f &flux)
 {
   Vec3f a, b, c;
   light_triangle(scene, light, a, b, c);
   const Vec2f uv = sample_triangle(u_position);
-  const float opacity = lamp_opacity(scene, light, uv);
-  if (!(opacity > 0.0f)) return false;
-  flux *= opacity;
+  if (scene.has_emission_textures) {
+    // The light's own colour is the texture's mean. Roulette keeps the flux of photons what it is elsewhere, as far as it
+    // may: few of them come from dim places.
+    flux = lamp_radiance(scene, light, uv) * (1.0f / max_component(light.color));
+    const float share = max_component(flux);
+    const float u = light.two_sided ? (side < 0.5f ? 2.0f * side : 2.0f * side - 1.0f) : side;
+    if (share < 1.0f) {
+      if (u >= share) return false;
+      flux *= 1.0f / share;
+    }
+    if (!is_finite(flux)) return false;
+  } else {
+    const float opacity = lamp_opacity(scene, light, uv);
+    if (!(opacity > 0.0f)) return false;
+    flux *= opacity;
+  }
   const float w = 1.0f - uv.x - uv.y;
   const Vec3f p = a * w + b * uv.x + c * uv.y;
   const Vec3f error =

@@ -32,7 +32,8 @@ constexpr uint32_t path_covered = 1, path_gathers = 2;
 GPURT_FUNCTIONS_BEGIN
 
 // A vertex of an eye path.
-struct EyeVertex {
+template <bool MayAbsorb>
+struct BasicEyeVertex {
   const SceneView &scene;
   const PathSettings &settings;
   uint32_t depth;  // of the ray that was traced: 1 is the eye ray
@@ -43,7 +44,7 @@ struct EyeVertex {
                       const Sink &sink) const
   {
     if (depth == 1) point.depth = 0;
-    const PathVertex vertex{scene, settings, depth};
+    const BasicPathVertex<MayAbsorb> vertex{scene, settings, depth};
     if (hit.triangle == invalid_id) {
       vertex.add_environment(ray, path);
       return;
@@ -51,6 +52,7 @@ struct EyeVertex {
     const SurfaceHit surface = surface_at(scene, hit);
     const Material &material = scene.materials[surface.material];
     const Vec3f wo_world = -normalize(ray.direction);
+    vertex.absorb(ray, hit, surface, material, wo_world, path);
     vertex.add_lamp(surface, material, wo_world, path);
     if (depth == 1) path.covered = path_covered;
     if (path.covered & path_gathers || depth >= settings.max_depth) return;
@@ -117,6 +119,7 @@ struct EyeVertex {
     return twice_area * min(w / length(c - b), min(hit.u / length(c - a), hit.v / length(b - a)));
   }
 };
+using EyeVertex = BasicEyeVertex<true>;
 
 struct ShadeEyeVertex {
   SceneView scene;

@@ -6,6 +6,7 @@
 // Source: Jensen 1996 for photon maps; Veach 1997, Chapter 5, for the two corrections.
 #pragma once
 
+#include "core/path/medium.h"
 #include "core/photon/emission.h"
 #include "core/photon/photon.h"
 #include "core/photon/photon_settings.h"
@@ -17,6 +18,7 @@ struct PhotonState {
   Vec3f flux;
   uint32_t id;  // within the pass
   SampleKey key;
+  uint32_t medium;  // of the ray that is traced next, as PathState::medium
 };
 
 struct PhotonWave {
@@ -72,12 +74,13 @@ struct EmitPhotons {
     wave.next_rays.paths[i] = i;
     if (!is_there) return;
     wave.next_rays.rays[i] = photon.ray;
-    wave.states[i] = {photon.flux, id, key};
+    wave.states[i] = {photon.flux, id, key, medium_air};
   }
 };
 
 // A surface that a photon meets: the record that it leaves there, and how it goes on.
-struct PhotonVertex {
+template <bool MayAbsorb>
+struct BasicPhotonVertex {
   const SceneView &scene;
   uint32_t max_depth;
   uint32_t num_hits;  // surfaces met so far, this one included
@@ -99,6 +102,9 @@ struct PhotonVertex {
     const float cos_shading = dot(normal, wo_world);
     const float cos_geometric = abs(dot(surface.geometric_normal, wo_world));
     if (!(cos_shading > 0.0f) || !(cos_geometric > 0.0f)) return;
+    float survived = 1.0f;
+    if (absorbs() && !absorb(hit.t * length(ray.direction), surface, material, wo_world, photon, survived))
+      return;
     const Bsdf bsdf = bsdf_at(scene, material, surface.uv, behind);
 
     // Light that comes straight from a lamp is left to next-event estimation. A photon that has met n surfaces reaches
@@ -114,18 +120,43 @@ struct PhotonVertex {
       }
     }
     if (num_hits + 2 <= max_depth)
-      go_on(surface, bsdf, normal, wo_world, cos_shading / cos_geometric, photon, sink);
+      go_on(surface, bsdf, normal, wo_world, cos_shading / cos_geometric, survived, photon, sink);
   }
 
  private:
+  GPURT_HD bool absorbs() const { return MayAbsorb && scene.has_absorption != 0; }
+
+  GPURT_HD uint32_t first_dim() const
+  {
+    return photon_dims_of_emission + (num_hits - 1) * photon_dims_per_vertex;
+  }
+
+  // Whether the photon comes through the medium to the surface: its flux stays what it was, as far as it may. The random
+  // number that tells is uniform below `survived` if it does.
+  GPURT_HD bool absorb(float distance, const SurfaceHit &surface, const Material &material, Vec3f wo_world,
+                       PhotonState &photon, float &survived) const
+  {
+    photon.medium = medium_before(photon.medium, surface, material, wo_world);
+    if (photon.medium == medium_air) return true;
+    const float before = max_component(photon.flux);
+    photon.flux *= transmittance(scene, photon.medium, distance);
+    const float after = max_component(photon.flux);
+    if (!(after > 0.0f)) return false;
+    survived = after / before;
+    if (sample_2d(photon.key, first_dim() + photon_dim_choice).y >= survived) return false;
+    photon.flux *= before / after;
+    return is_finite(photon.flux);
+  }
+
+  // `survived` as absorb leaves it; else 1.
   template <class Sink>
   GPURT_HD void go_on(const SurfaceHit &surface, const Bsdf &bsdf, Vec3f normal, Vec3f wo_world,
-                      float cos_ratio, PhotonState &photon, const Sink &sink) const
+                      float cos_ratio, float survived, PhotonState &photon, const Sink &sink) const
   {
     Vec3f s, t;
     make_frame(normal, s, t);
     const Vec3f wo{dot(wo_world, s), dot(wo_world, t), dot(wo_world, normal)};
-    const uint32_t pair = photon_dims_of_emission + (num_hits - 1) * photon_dims_per_vertex;
+    const uint32_t pair = first_dim();
     const Vec2f choice = sample_2d(photon.key, pair + photon_dim_choice);
     BsdfSample next;
     if (!sample_bsdf(bsdf, wo, choice.x, sample_2d(photon.key, pair + photon_dim_bsdf), next)) return;
@@ -143,13 +174,16 @@ struct PhotonVertex {
     if (!(after > 0.0f) || !is_finite(after)) return;
     if (after < before) {
       const float survival = after / before;
-      if (choice.y >= survival) return;
+      if (choice.y >= survival * survived) return;
       photon.flux *= before / after;
     }
+    if (absorbs())
+      photon.medium = medium_after(photon.medium, surface, scene.materials[surface.material], wi);
     sink.next({offset_origin(surface.position, surface.position_error, surface.geometric_normal, wi),
                leaving_tmin, wi, infinity});
   }
 };
+using PhotonVertex = BasicPhotonVertex<true>;
 
 struct ScatterPhoton {
   SceneView scene;

@@ -52,7 +52,9 @@ struct Material {
   Vec3f emission;
   uint32_t base_color_texture;  // index into SceneView::textures; invalid_id: none
   uint32_t two_sided_emission;
-  uint32_t blends;  // 1: alpha is opacity, and alpha_cutoff 0
+  uint32_t blends;            // 1: alpha is opacity, and alpha_cutoff 0
+  uint32_t emission_texture;  // as base_color_texture
+  Vec3f absorption;           // Glass: per metre of the world; infinity: nothing is left
 };
 
 enum class TexelFormat : uint32_t { Rgba8Srgb = 0, Rgba8Linear = 1, Rgba32f = 2 };
@@ -73,7 +75,7 @@ struct Light {
   uint32_t triangle;   // Triangle: index into SceneView::indices
   uint32_t placement;  // Triangle: of a shared geometry, else invalid_id
   uint32_t two_sided;
-  Vec3f color;      // Triangle: radiance; Point, Spot: intensity; Distant: irradiance
+  Vec3f color;      // Triangle: radiance, or its mean; Point, Spot: intensity; Distant: irradiance
   Vec3f position;   // Point, Spot
   Vec3f direction;  // Spot, Distant: unit, where it shines
   float cos_inner, cos_outer;
@@ -128,6 +130,8 @@ struct SceneView {
   uint32_t num_distant_lights;  // lights[num_tree_lights ...]
   uint32_t has_alpha_masks;     // or materials that blend: not every hit counts
   uint32_t has_blending;
+  uint32_t has_absorption;         // by glass
+  uint32_t has_emission_textures;  // of lamps
   // How far a hit's point on the ray may lie off the triangle, in units of the triangle's extent seen from there: not 0
   // for accelerators that compute t in single precision, which would hit the triangle that a ray has just left.
   float t_error;

@@ -37,7 +37,7 @@ void shade_samples(const ReyesScene &scene, const PathSettings &settings, const 
                                                  [](int64_t &sum, int64_t term) { sum += term; });
       }
       const SampleKey key = sample_key(settings.seed, settings.frame_index, s.x, s.y, s.sample);
-      PathState path{vec3(memory.weight[k]), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0};
+      PathState path{vec3(memory.weight[k]), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0, medium_air};
       Vec3f light = vec3(0.0f);
       PathVertex{scene.scene, settings, 1}.shade(ray, hit, path, UnshadowedLight{&light});
       path.radiance += light;

@@ -28,6 +28,7 @@ __global__ void __launch_bounds__(block_size)
   if (i < n) start(uint32_t(i));
 }
 
+template <bool MayAbsorb>
 __global__ void __launch_bounds__(block_size)
     shade_pool_kernel(const __grid_constant__ PoolStep s, uint32_t n)
 {
@@ -49,7 +50,8 @@ __global__ void __launch_bounds__(block_size)
              path.normal,
              vec3(0.0f),
              {path.seed, path.reversed_index},
-             0};
+             0,
+             path.medium};
     if (path.depth == 1 && (s.film.features != nullptr || s.film.first_hits != nullptr)) {
       const PathSample sample = path_sample(s.unit, path.number);
       // Sums of integers: any order gives the same bits.
@@ -58,7 +60,7 @@ __global__ void __launch_bounds__(block_size)
             atomicAdd(reinterpret_cast<unsigned long long *>(&sum), static_cast<unsigned long long>(term));
           });
     }
-    PathVertex{s.scene, s.settings, path.depth}.shade(ray, hit, state, MadeRaysSink{made});
+    BasicPathVertex<MayAbsorb>{s.scene, s.settings, path.depth}.shade(ray, hit, state, MadeRaysSink{made});
     const bool has_radiance =
         state.radiance.x != 0.0f || state.radiance.y != 0.0f || state.radiance.z != 0.0f;
     if (has_radiance || state.covered != 0) {
@@ -68,9 +70,8 @@ __global__ void __launch_bounds__(block_size)
   }
   const uint32_t next_place = take_place(made.has_next, s.numbers, next_places);
   if (made.has_next) {
-    s.to.paths[next_place] = {state.throughput, state.pdf,           state.position,
-                              path.number,      state.normal,        path.depth + 1,
-                              path.seed,        path.reversed_index, 0};
+    s.to.paths[next_place] = {state.throughput, state.pdf, state.position,      path.number, state.normal,
+                              path.depth + 1,   path.seed, path.reversed_index, state.medium};
     store_ray(s.to.rays + next_place, made.next);
     s.to.left_out[next_place] = s.leaves_out ? leave_out(s.scene, made.next, triangle) : invalid_id;
   }
@@ -204,7 +205,8 @@ bool render_pool(const TraceScene &scene, const PathSettings &settings, const Pa
     const uint32_t n = num_old + num_new;
     num_started += num_new;
     pool.clear_numbers();
-    launch("kernel that shades a pool's paths", shade_pool_kernel, n, stream,
+    launch("kernel that shades a pool's paths",
+           scene.scene.has_absorption ? shade_pool_kernel<true> : shade_pool_kernel<false>, n, stream,
            PoolStep{scene.scene, settings, unit, queue, memory.queue(1 - from), memory.hits(),
                     memory.shadows(), memory.results(), film, pool.has_near(), memory.numbers()},
            n);

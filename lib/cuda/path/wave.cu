@@ -20,8 +20,9 @@ __global__ void __launch_bounds__(block_size) run_stage(const __grid_constant__ 
 }
 
 // Shading in an order of its own: hits of one material lie together.
+template <bool MayAbsorb>
 struct ShadeSorted {
-  ShadePathVertex stage;
+  BasicShadePathVertex<MayAbsorb> stage;
   const uint32_t *order;
 
   __device__ void operator()(uint32_t i) const { stage(order[i]); }
@@ -63,15 +64,9 @@ class StreamExecutor {
   void for_each(PathStage id, uint32_t n, const Stage &stage)
   {
     if constexpr (std::is_same_v<Stage, ShadePathVertex>) {
-      if (memory_.schedule().shading == Shading::Sorted) {
-        const uint32_t *order = launch_sort_hits(scene_.scene, memory_.wave().hits, n, memory_.sort_memory(),
-                                                 memory_.sort_bytes(), stream_);
-        counters_.schedule.sorted_hits += n;
-        launch("path stage 'shade', sorted by material", run_stage<ShadeSorted>, n, stream_,
-               ShadeSorted{stage, order}, n);
-        memory_.clock.mark(stream_, id);
-        return;
-      }
+      if (stage.scene.has_absorption) shade(n, stage);
+      else shade(n, BasicShadePathVertex<false>{stage.scene, stage.settings, stage.wave, stage.depth});
+      return;
     }
     launch(stage_names[uint32_t(id)], run_stage<Stage>, n, stream_, stage, n);
     memory_.clock.mark(stream_, id);
@@ -164,6 +159,22 @@ class StreamExecutor {
   }
 
  private:
+  template <bool MayAbsorb>
+  void shade(uint32_t n, const BasicShadePathVertex<MayAbsorb> &stage)
+  {
+    if (memory_.schedule().shading == Shading::Sorted) {
+      const uint32_t *order = launch_sort_hits(scene_.scene, memory_.wave().hits, n, memory_.sort_memory(),
+                                               memory_.sort_bytes(), stream_);
+      counters_.schedule.sorted_hits += n;
+      launch("path stage 'shade', sorted by material", run_stage<ShadeSorted<MayAbsorb>>, n, stream_,
+             ShadeSorted<MayAbsorb>{stage, order}, n);
+    } else {
+      launch(stage_names[uint32_t(PathStage::Shade)], run_stage<BasicShadePathVertex<MayAbsorb>>, n, stream_,
+             stage, n);
+    }
+    memory_.clock.mark(stream_, PathStage::Shade);
+  }
+
   // The fast kernels serve camera rays alone: a ray that leaves a surface may always hit the triangle that it leaves, as far
   // as single precision can tell, and what has to be measured in addition costs more than they save.
   RayOrder order(bool is_camera) const

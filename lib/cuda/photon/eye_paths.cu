@@ -26,9 +26,10 @@ __global__ void __launch_bounds__(block_size) start_kernel(const __grid_constant
   store_ray(wave.queues[0].rays + i,
             camera_ray(wave.settings.camera, float(s.x) + u.x, float(s.y) + u.y, depth_per_t));
   wave.queues[0].paths[i] = uint32_t(i);
-  wave.states[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0};
+  wave.states[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0, medium_air};
 }
 
+template <bool MayAbsorb>
 __global__ void __launch_bounds__(block_size)
     shade_kernel(const __grid_constant__ EyeWave wave, int from, uint32_t depth, uint32_t n)
 {
@@ -51,7 +52,8 @@ __global__ void __launch_bounds__(block_size)
           });
     }
     PathState state = wave.states[path];
-    EyeVertex{wave.scene, wave.settings, depth}.shade(ray, hit, state, wave.points[path], MadeRaysSink{made});
+    BasicEyeVertex<MayAbsorb>{wave.scene, wave.settings, depth}.shade(ray, hit, state, wave.points[path],
+                                                                      MadeRaysSink{made});
     wave.states[path] = state;
   }
   const uint32_t next_place = take_place(made.has_next, &wave.numbers->next, next_places);
@@ -93,7 +95,8 @@ void launch_start_eye_paths(const EyeWave &wave, uint32_t n, cudaStream_t stream
 
 void launch_shade_eye_paths(const EyeWave &wave, int from, uint32_t depth, uint32_t n, cudaStream_t stream)
 {
-  launch("kernel that shades eye paths", shade_kernel, n, stream, wave, from, depth, n);
+  launch("kernel that shades eye paths", wave.scene.has_absorption ? shade_kernel<true> : shade_kernel<false>,
+         n, stream, wave, from, depth, n);
 }
 
 void launch_add_direct_light(const EyeWave &wave, uint32_t n, cudaStream_t stream)

@@ -28,6 +28,7 @@ __global__ void __launch_bounds__(block_size)
     queue.left_out[to] = flight.leaves_out && photon.triangle != invalid_id
                              ? leave_out(flight.scene, photon.ray, photon.triangle)
                              : invalid_id;
+    if (queue.media != nullptr) queue.media[to] = medium_air;
   }
   const int num_missing = __syncthreads_count(is_missing);
   if (threadIdx.x == 0 && num_missing != 0) atomicAdd(&numbers->missing, uint32_t(num_missing));
@@ -62,6 +63,7 @@ __device__ __forceinline__ void store_record(Photon *to, const Photon &p)
                      __uint_as_float(p.bounce));
 }
 
+template <bool MayAbsorb>
 __global__ void __launch_bounds__(block_size)
     scatter_kernel(const __grid_constant__ PhotonFlight flight, const __grid_constant__ PhotonQueue from,
                    const Hit *hits, uint32_t n, const __grid_constant__ PhotonQueue to, Photon *records,
@@ -79,10 +81,13 @@ __global__ void __launch_bounds__(block_size)
     triangle = hit.triangle;
     if (triangle != invalid_id) {
       const FlyingPhoton flying = from.photons[i];
-      photon = {flying.flux, flying.id, {flying.seed, flying.reversed_index}};
+      photon = {flying.flux,
+                flying.id,
+                {flying.seed, flying.reversed_index},
+                MayAbsorb ? from.media[i] : medium_air};
       num_hits_and_slot = flying.num_hits_and_slot + 1;
       const uint32_t slot_bits = num_hits_and_slot >> slot_shift << slot_shift;
-      PhotonVertex{flight.scene, flight.max_depth, num_hits_and_slot - slot_bits}.scatter(
+      BasicPhotonVertex<MayAbsorb>{flight.scene, flight.max_depth, num_hits_and_slot - slot_bits}.scatter(
           from.rays[i], hit, photon, MadePhotonsSink{made});
       made.record.bounce |= slot_bits;
     }
@@ -94,6 +99,7 @@ __global__ void __launch_bounds__(block_size)
     to.photons[next_place] = {photon.flux, photon.id, photon.key.seed, photon.key.reversed_index,
                               num_hits_and_slot};
     store_ray(to.rays + next_place, made.next);
+    if (MayAbsorb) to.media[next_place] = photon.medium;
     to.left_out[next_place] = flight.leaves_out ? leave_out(flight.scene, made.next, triangle) : invalid_id;
   }
 }
@@ -110,8 +116,8 @@ void launch_scatter_photons(const PhotonFlight &flight, const PhotonQueue &from,
                             const PhotonQueue &to, Photon *records, FlightNumbers *numbers,
                             cudaStream_t stream)
 {
-  launch("kernel that scatters photons", scatter_kernel, n, stream, flight, from, hits, n, to, records,
-         numbers);
+  launch("kernel that scatters photons", from.media != nullptr ? scatter_kernel<true> : scatter_kernel<false>,
+         n, stream, flight, from, hits, n, to, records, numbers);
 }
 
 }  // namespace gpurt::cuda

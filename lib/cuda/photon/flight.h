@@ -26,6 +26,7 @@ struct PhotonQueue {
   FlyingPhoton *photons;
   Ray *rays;
   uint32_t *left_out;  // the triangle that a ray leaves and cannot meet; invalid_id: none
+  uint32_t *media;     // as PhotonState::medium; null where nothing absorbs
 };
 
 // Photons keep the number of surfaces in a byte. Photon::bounce has the slot in the same bits.

@@ -17,12 +17,13 @@ struct FlightArrays {
   uint64_t bytes;
 };
 
-FlightArrays lay_out(std::byte *base, uint64_t n)
+FlightArrays lay_out(std::byte *base, uint64_t n, bool has_media)
 {
   Layout layout(base);
   FlightArrays a;
   for (PhotonQueue &q : a.queues)
-    q = {layout.take<FlyingPhoton>(n), layout.take<Ray>(n), layout.take<uint32_t>(n)};
+    q = {layout.take<FlyingPhoton>(n), layout.take<Ray>(n), layout.take<uint32_t>(n),
+         has_media ? layout.take<uint32_t>(n) : nullptr};
   a.hits = layout.take<Hit>(n);
   a.trace_scratch = layout.take<uint32_t>(trace_scratch_words(n));
   a.numbers = layout.take<FlightNumbers>(1);
@@ -50,9 +51,10 @@ PhotonStore::PhotonStore(PassQueue &queue, uint32_t capacity, uint32_t most_slot
     : queue_(queue),
       capacity_(capacity),
       most_slots_(most_slots),
-      buffer_(queue.memory, lay_out(nullptr, capacity).bytes, "photons in flight")
+      buffer_(queue.memory, lay_out(nullptr, capacity, queue.scene.scene.has_absorption != 0).bytes,
+              "photons in flight")
 {
-  const FlightArrays a = lay_out(buffer_.data(), capacity);
+  const FlightArrays a = lay_out(buffer_.data(), capacity, queue.scene.scene.has_absorption != 0);
   queues_[0] = a.queues[0];
   queues_[1] = a.queues[1];
   hits_ = a.hits;

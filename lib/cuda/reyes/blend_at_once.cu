@@ -13,6 +13,7 @@ struct UnshadowedLight {
 };
 
 // A thread a sample.
+template <bool MayAbsorb>
 __global__ void __launch_bounds__(block_size) blend_at_once(const __grid_constant__ Blending b)
 {
   const uint64_t k = thread_item();
@@ -23,9 +24,11 @@ __global__ void __launch_bounds__(block_size) blend_at_once(const __grid_constan
     if (is_in_view(b.fragments, e.slot)) {
       SampleBlend state = begin_blend(b, e, uint32_t(k));
       blend_sample(b, e, state, [&](const Hit &hit, float share, const KeptFragment *) {
-        PathState path{vec3(e.weight * share), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), e.key, 0};
+        PathState path{
+            vec3(e.weight * share), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), e.key, 0, medium_air};
         Vec3f light = vec3(0.0f);
-        PathVertex{eye.scene.scene, eye.settings, 1}.shade(e.ray, hit, path, UnshadowedLight{&light});
+        BasicPathVertex<MayAbsorb>{eye.scene.scene, eye.settings, 1}.shade(e.ray, hit, path,
+                                                                           UnshadowedLight{&light});
         path.radiance += light;
         state.radiance += path.radiance;
         num_shaded += hit.triangle != invalid_id ? 1 : 0;
@@ -74,8 +77,9 @@ __global__ void __launch_bounds__(block_size)
 
 void launch_blend_at_once(const Blending &blending, cudaStream_t stream)
 {
-  launch("REYES stages 'blend' and 'shade' without rays", blend_at_once, blending.num_samples, stream,
-         blending);
+  launch("REYES stages 'blend' and 'shade' without rays",
+         blending.eye.scene.scene.has_absorption ? blend_at_once<true> : blend_at_once<false>,
+         blending.num_samples, stream, blending);
 }
 
 void launch_add_blended(const Blending &blending, const FilmView &film, uint32_t num_pixels,

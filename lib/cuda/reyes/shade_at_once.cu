@@ -25,6 +25,7 @@ __device__ void keep_largest(float largest, uint32_t *largest_bits)
 }
 
 // A thread a pixel of the group.
+template <bool MayAbsorb>
 __global__ void __launch_bounds__(block_size)
     shade_pixels(const __grid_constant__ EyeHits eye, const __grid_constant__ FilmView film,
                  uint32_t num_pixels, uint32_t *largest_bits)
@@ -55,9 +56,10 @@ __global__ void __launch_bounds__(block_size)
         EyeFeatures{eye.scene.scene, eye.settings, film}(s.sample, s.local, ray, hit,
                                                          [](int64_t &sum, int64_t term) { sum += term; });
       }
-      PathState path{vec3(place.weight), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), sample, 0};
+      PathState path{vec3(place.weight), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), sample, 0, medium_air};
       Vec3f light = vec3(0.0f);
-      PathVertex{eye.scene.scene, eye.settings, 1}.shade(ray, hit, path, UnshadowedLight{&light});
+      BasicPathVertex<MayAbsorb>{eye.scene.scene, eye.settings, 1}.shade(ray, hit, path,
+                                                                         UnshadowedLight{&light});
       path.radiance += light;
       add_sample(sums, s.sample, path.radiance, path.covered != 0);
       const float component = max_component(path.radiance);
@@ -170,8 +172,9 @@ static_assert(sizeof(PixelSums) % 16 == 0);
 void launch_shade_pixels(const EyeHits &eye, const FilmView &film, uint32_t num_pixels,
                          uint32_t *largest_bits, cudaStream_t stream)
 {
-  launch("REYES stages 'map' and 'shade' without rays", shade_pixels, num_pixels, stream, eye, film,
-         num_pixels, largest_bits);
+  launch("REYES stages 'map' and 'shade' without rays",
+         eye.scene.scene.has_absorption ? shade_pixels<true> : shade_pixels<false>, num_pixels, stream, eye,
+         film, num_pixels, largest_bits);
 }
 
 void launch_resolve_own_light(const EyeHits &eye, const FilmView &film, uint32_t num_pixels,

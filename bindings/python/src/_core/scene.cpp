@@ -49,7 +49,8 @@ uint32_t add_texture(Scene &scene, int format, uint32_t width, uint32_t height, 
 
 uint32_t add_material(Scene &scene, int type, const Vec3 &base_color, float roughness, float ior, float alpha,
                       float alpha_cutoff, const Vec3 &emission, uint32_t base_color_texture,
-                      bool two_sided_emission, bool blends)
+                      bool two_sided_emission, bool blends, uint32_t emission_texture,
+                      const Vec3 &attenuation_color, float attenuation_distance)
 {
   gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
   desc.type = static_cast<gpurt_material_type>(type);
@@ -62,6 +63,9 @@ uint32_t add_material(Scene &scene, int type, const Vec3 &base_color, float roug
   desc.base_color_texture = base_color_texture;
   desc.two_sided_emission = two_sided_emission;
   desc.blends = blends;
+  desc.emission_texture = emission_texture;
+  copy_floats(attenuation_color, desc.attenuation_color);
+  desc.attenuation_distance = attenuation_distance;
   uint32_t material = 0;
   call([&] { return gpurt_scene_add_material(scene.handle.get(), &desc, &material); });
   return material;
@@ -269,7 +273,8 @@ void bind_scene(py::module_ &module)
            py::arg("wrap_u"), py::arg("wrap_v"), py::arg("filter"), py::arg("texels"))
       .def("add_material", add_material, py::arg("type"), py::arg("base_color"), py::arg("roughness"),
            py::arg("ior"), py::arg("alpha"), py::arg("alpha_cutoff"), py::arg("emission"),
-           py::arg("base_color_texture"), py::arg("two_sided_emission"), py::arg("blends"))
+           py::arg("base_color_texture"), py::arg("two_sided_emission"), py::arg("blends"),
+           py::arg("emission_texture"), py::arg("attenuation_color"), py::arg("attenuation_distance"))
       .def("add_mesh", add_mesh, py::arg("vertices"), py::arg("indices"), py::arg("normals"), py::arg("uvs"),
            py::arg("material"))
       .def("set_vertices", set_vertices, py::arg("geometry"), py::arg("vertices"), py::arg("normals"))

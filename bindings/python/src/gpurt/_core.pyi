@@ -62,6 +62,9 @@ class Scene:
         base_color_texture: int,
         two_sided_emission: bool,
         blends: bool,
+        emission_texture: int,
+        attenuation_color: Sequence[float],
+        attenuation_distance: float,
     ) -> int: ...
     def add_mesh(
         self,

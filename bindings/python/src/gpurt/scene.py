@@ -181,7 +181,9 @@ class Scene:
     def add_material(self, type: str = "lambert", *, base_color: Union[float, Vector] = (1, 1, 1),
                      roughness: float = 1, ior: float = 1.5, alpha: float = 1, alpha_cutoff: float = 0,
                      emission: Union[float, Vector] = (0, 0, 0), base_color_texture: int = 0,
-                     two_sided_emission: bool = False, blends: bool = False) -> int:
+                     two_sided_emission: bool = False, blends: bool = False,
+                     emission_texture: int = 0, attenuation_color: Union[float, Vector] = (1, 1, 1),
+                     attenuation_distance: float = 0) -> int:
         """Adds a material and returns its id, from 1.
 
         :param type: "lambert", "mirror", "glass" (smooth dielectric; closed solids) or "metal" (GGX).
@@ -194,12 +196,19 @@ class Scene:
         :param base_color_texture: multiplies base_color; 0: none.
         :param blends: alpha is opacity: of light, 1 - alpha passes straight on. With alpha_cutoff 0.
         :param two_sided_emission: emits from both sides, not from the counter-clockwise one alone.
+        :param emission_texture: multiplies emission, at base_color_texture's coordinates; 0: none.
+        :param attenuation_color: of glass: the share of light that is left after attenuation_distance within it,
+            linear, in [0, 1]; three numbers or one.
+        :param attenuation_distance: of glass, in metres of the world; 0: it does not absorb.
         """
         return self._core.add_material(
             MATERIAL_TYPE.value(type), to_vec3(base_color, "base_color", spread=True),
             to_number(roughness, "roughness"), to_number(ior, "ior"), to_number(alpha, "alpha"),
             to_number(alpha_cutoff, "alpha_cutoff"), to_vec3(emission, "emission", spread=True),
-            to_count(base_color_texture, "base_color_texture"), bool(two_sided_emission), bool(blends))
+            to_count(base_color_texture, "base_color_texture"), bool(two_sided_emission), bool(blends),
+            to_count(emission_texture, "emission_texture"),
+            to_vec3(attenuation_color, "attenuation_color", spread=True),
+            to_number(attenuation_distance, "attenuation_distance"))
 
     def add_mesh(self, vertices: Any, indices: Any = None, normals: Any = None, uvs: Any = None, *,
                  material: int = 0, transform: Any = None, share: bool = False) -> Placed:

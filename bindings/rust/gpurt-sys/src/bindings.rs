@@ -269,6 +269,9 @@ pub struct gpurt_material_desc {
     pub base_color_texture: u32,
     pub two_sided_emission: u32,
     pub blends: u32,
+    pub emission_texture: u32,
+    pub attenuation_color: [f32; 3usize],
+    pub attenuation_distance: f32,
 }
 extern "C" {
     pub fn gpurt_scene_add_material(

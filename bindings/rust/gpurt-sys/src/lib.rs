@@ -35,7 +35,7 @@ init! {
     gpurt_device_properties {}
     gpurt_buffer_desc {}
     gpurt_texture_desc {}
-    gpurt_material_desc { base_color: [1.; 3], roughness: 1., alpha: 1. }
+    gpurt_material_desc { base_color: [1.; 3], roughness: 1., alpha: 1., attenuation_color: [1.; 3] }
     gpurt_mesh_desc {}
     gpurt_patches_desc {}
     gpurt_subdivision_desc {}

@@ -171,7 +171,8 @@ macro_rules! with_descriptors {
             gpurt_buffer_desc { struct_size storage size_bytes data release release_user }
             gpurt_texture_desc { struct_size format width height wrap_u wrap_v filter reserved texels }
             gpurt_material_desc { struct_size type_ base_color roughness ior alpha alpha_cutoff emission
-                base_color_texture two_sided_emission blends }
+                base_color_texture two_sided_emission blends emission_texture attenuation_color
+                attenuation_distance }
             gpurt_mesh_desc { struct_size material vertices indices normals uvs }
             gpurt_patches_desc { struct_size material control_points }
             gpurt_subdivision_desc { struct_size material scheme reserved vertices face_counts indices }

@@ -91,6 +91,12 @@ pub struct Material {
     pub base_color_texture: Option<TextureId>,
     /// Emits from both sides, not from the counter-clockwise side alone.
     pub two_sided_emission: bool,
+    /// Multiplies `emission`, at the texture coordinates of `base_color_texture`; its alpha does not count.
+    pub emission_texture: Option<TextureId>,
+    /// Glass: the share of light that is left after `attenuation_distance` within it, linear, in [0, 1].
+    pub attenuation_color: [f32; 3],
+    /// Glass: metres of the world; 0: it does not absorb.
+    pub attenuation_distance: f32,
 }
 
 impl Default for Material {
@@ -106,6 +112,9 @@ impl Default for Material {
             emission: [0.0; 3],
             base_color_texture: None,
             two_sided_emission: false,
+            emission_texture: None,
+            attenuation_color: [1.0; 3],
+            attenuation_distance: 0.0,
         }
     }
 }

@@ -139,6 +139,9 @@ impl Scene {
             base_color_texture: material.base_color_texture.map_or(0, |texture| texture.0),
             two_sided_emission: material.two_sided_emission.into(),
             blends: material.blends.into(),
+            emission_texture: material.emission_texture.map_or(0, |texture| texture.0),
+            attenuation_color: material.attenuation_color,
+            attenuation_distance: material.attenuation_distance,
             ..Default::default()
         };
         // SAFETY: the handle is valid; the descriptor holds no pointer.

@@ -33,6 +33,10 @@ fn invalid_arguments() {
         Error::InvalidArgument,
         &["2"],
     );
+    let tinted = Material { attenuation_color: [0.5, 3.0, 0.5], ..Default::default() };
+    expect_error(scene.add_material(&tinted), Error::InvalidArgument, &["attenuation_color", "3"]);
+    let tinted = Material { attenuation_distance: -4.0, ..Default::default() };
+    expect_error(scene.add_material(&tinted), Error::InvalidArgument, &["attenuation_distance", "-4"]);
     let texels = Texels::Srgb8(&[[255; 4]; 3]);
     expect_error(scene.add_texture(&Texture::new(2, 2, texels)), Error::InvalidArgument, &["2 x 2", "3"]);
     expect_error(scene.closest(&[]), Error::InvalidArgument, &["commit"]);
