@@ -39,6 +39,8 @@ CASES = {
         lambda s: s.add_texture(np.zeros((4, 4, 3), np.uint8), wrap="tile"),
     "type: 'plastic' is none of": lambda s: s.add_material("plastic"),
     "base_color: expected a number or 3 numbers, got [2]": lambda s: s.add_material(base_color=(1, 2)),
+    "attenuation_color: expected a number or 3 numbers, got [2]":
+        lambda s: s.add_material("glass", attenuation_color=(1, 2)),
     "position: expected 3 numbers, got [2]": lambda s: s.add_light(intensity=1, position=(1, 2)),
     "position, target: give both or none": lambda s: s.add_camera(position=(1, 2, 3)),
     "transform: give it, or position and target": lambda s: s.add_camera(np.eye(4), position=(1, 2, 3),
@@ -83,8 +85,6 @@ TYPE_CASES = {
     "vertices: expected an array of numbers, got elements of type complex64": lambda s: s.add_mesh(V * 1j),
     "material: expected an integer, got float": lambda s: s.add_mesh(V, I, material=1.0),
     "roughness: expected a number, got list": lambda s: s.add_material("metal", roughness=[1]),
-    "attenuation_color: expected a number or 3 numbers, got [2]":
-        lambda s: s.add_material("glass", attenuation_color=(1, 2)),
     "attenuation_distance: expected a number, got list":
         lambda s: s.add_material("glass", attenuation_distance=[1]),
     "width: expected an integer, got str": lambda s: s.commit().render(width="512"),
