@@ -1187,6 +1187,9 @@ typedef enum gpurt_photon_remedy {
   GPURT_PHOTON_REMEDY_BOUNDARY =
       8, /* divide by the part of the disc that lies on a surface: dark rims. Costs rays */
   GPURT_PHOTON_REMEDY_NONE = 16, /* alone: none of them */
+  /* follow paths past points that other surfaces are nearer to than the radius, and gather later: light under walls. Costs
+   * 8 short rays a visible point, and noise there */
+  GPURT_PHOTON_REMEDY_CONTINUE = 32,
   GPURT_PHOTON_REMEDY_FORCE32 = 0x7fffffff
 } gpurt_photon_remedy;
 
@@ -1198,7 +1201,7 @@ typedef struct gpurt_photon_settings {
   float initial_radius; /* of pass 0, in metres; 0: from the scene, by a pilot */
   gpurt_photon_estimator estimator;
   gpurt_photon_kernel kernel;
-  uint32_t remedies; /* bits of gpurt_photon_remedy; 0: all */
+  uint32_t remedies; /* bits of gpurt_photon_remedy; 0: all but CONTINUE */
   uint32_t reserved; /* 0 */
 } gpurt_photon_settings;
 #define GPURT_PHOTON_SETTINGS_INIT {0, 0, GPURT_PHOTON_ESTIMATOR_AUTO, GPURT_PHOTON_KERNEL_AUTO, 0, 0}

@@ -63,9 +63,11 @@ void check_equal(const char *name, uint32_t asked, uint32_t made_with)
 PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const PhotonSettings &made_with,
                                        uint64_t num_pixels)
 {
+  // But the one that takes rays at every point.
   constexpr uint32_t all_remedies = remedy_normal | remedy_plane | remedy_side | remedy_boundary;
   const uint32_t none = GPURT_PHOTON_REMEDY_NONE;
-  if (asked.remedies > none || (asked.remedies & none && asked.remedies != none)) {
+  if (asked.remedies & ~(all_remedies | remedy_continue | none) ||
+      (asked.remedies & none && asked.remedies != none)) {
     fail_invalid("photon.remedies is {:#x}; it is bits of gpurt_photon_remedy, and NONE stands alone",
                  asked.remedies);
   }

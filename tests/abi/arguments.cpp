@@ -592,7 +592,7 @@ TEST_F(Arguments, Submissions)
   };
   refuse_photons("photon.estimator is 4", [](auto &d) { d.photon.estimator = gpurt_photon_estimator(4); });
   refuse_photons("photon.kernel is 3", [](auto &d) { d.photon.kernel = gpurt_photon_kernel(3); });
-  refuse_photons("photon.remedies is 0x20", [](auto &d) { d.photon.remedies = 32; });
+  refuse_photons("photon.remedies is 0x40", [](auto &d) { d.photon.remedies = 64; });
   refuse_photons("NONE stands alone", [](auto &d) {
     d.photon.remedies = uint32_t(GPURT_PHOTON_REMEDY_NONE) | GPURT_PHOTON_REMEDY_SIDE;
   });

@@ -137,6 +137,8 @@ void compare_all(gpurt_device reference, gpurt_device tested, void (*fill)(gpurt
   compare_passes(reference, tested, fill, cone, GPURT_ACCEL_BVH);
   cone.photon.remedies = GPURT_PHOTON_REMEDY_NONE;
   compare_passes(reference, tested, fill, cone, GPURT_ACCEL_BVH);
+  cone.photon.remedies = uint32_t(GPURT_PHOTON_REMEDY_CONTINUE) | GPURT_PHOTON_REMEDY_BOUNDARY;
+  compare_passes(reference, tested, fill, cone, GPURT_ACCEL_KDTREE);
 }
 
 TEST(CudaPhotonImages, OfACornellBoxHaveTheBitsOfTheCpu)

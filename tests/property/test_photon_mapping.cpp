@@ -124,6 +124,9 @@ std::vector<float> render_room(const Work &o)
   return color_of(frame);
 }
 
+constexpr uint32_t all_remedies = uint32_t(GPURT_PHOTON_REMEDY_NORMAL) | GPURT_PHOTON_REMEDY_PLANE |
+                                  GPURT_PHOTON_REMEDY_SIDE | GPURT_PHOTON_REMEDY_BOUNDARY;
+
 class PhotonMapping : public testing::TestWithParam<gpurt_device_type> {
  protected:
   void SetUp() override
@@ -152,6 +155,15 @@ TEST_P(PhotonMapping, HasTheBitsOfAnyNumberOfThreadsTilesAndMaps)
   small.tile_size = 0;
   small.memory_limit = 5 << 20;
   EXPECT_EQ(render_room(small), reference);
+
+  Work far;
+  far.photon.remedies = all_remedies | uint32_t(GPURT_PHOTON_REMEDY_CONTINUE);
+  const std::vector<float> far_reference = render_room(far);
+  EXPECT_NE(far_reference, reference);
+  for (Work *work : {&one, &three, &small}) {
+    work->photon = far.photon;
+    EXPECT_EQ(render_room(*work), far_reference);
+  }
 }
 
 TEST_P(PhotonMapping, HasTheBitsOfContinuedMergedAndSavedFrames)
@@ -231,6 +243,89 @@ TEST_P(PhotonMapping, HasTheDirectLightOfPathTracingBitForBit)
   o.pipeline = GPURT_PIPELINE_PATH;
   EXPECT_EQ(photon, render_room(o));
   EXPECT_GT(mean(photon), 0.01);
+}
+
+// The cube [-1, 1]^3 of one material, whose wall at z = 0 halves it where it is wanted.
+Scene make_halves(gpurt_device device, uint32_t (*material)(gpurt_scene), bool has_wall,
+                  std::array<float, 3> eye, std::array<float, 3> back, const Lights &lights)
+{
+  Scene scene;
+  GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
+  Mesh m = quad({-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1});
+  m.append(quad({-1, -1, 1}, {-1, 1, 1}, {1, 1, 1}, {1, -1, 1}));
+  m.append(quad({-1, -1, 1}, {1, -1, 1}, {1, -1, -1}, {-1, -1, -1}));
+  m.append(quad({-1, 1, 1}, {-1, 1, -1}, {1, 1, -1}, {1, 1, 1}));
+  m.append(quad({-1, -1, 1}, {-1, -1, -1}, {-1, 1, -1}, {-1, 1, 1}));
+  m.append(quad({1, -1, 1}, {1, 1, 1}, {1, 1, -1}, {1, -1, -1}));
+  if (has_wall) m.append(quad({-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0}));
+  add_mesh(scene, m, material(scene));
+  lights(scene);
+  // Looks from `eye` along -back, which lies in the plane x = 0.
+  gpurt_camera_desc camera = GPURT_CAMERA_DESC_INIT;
+  const float t[12] = {1, 0, 0, eye[0], 0, back[2], back[1], eye[1], 0, -back[1], back[2], eye[2]};
+  std::memcpy(camera.transform, t, sizeof t);
+  camera.yfov_rad = 0.5f;
+  uint32_t id;
+  GPURT_EXPECT_OK(gpurt_scene_add_camera(scene, &camera, &id));
+  commit(scene);
+  return scene;
+}
+
+double mean_of(gpurt_scene scene, const Work &o)
+{
+  const Frame frame = frame_of(scene);
+  GPURT_EXPECT_OK(submit(frame, o));
+  const std::vector<float> color = color_of(frame);
+  double sum = 0;
+  for (const float c : color) sum += double(c);
+  return sum / double(color.size());
+}
+
+// A thin wall on a floor, lit behind: the floor in front of it is dark, and photons behind lie in its plane.
+TEST_P(PhotonMapping, GoesOnPastPointsThatAWallIsNear)
+{
+  const Device device = make_device(GetParam());
+  const Scene scene = make_halves(
+      device, [](gpurt_scene s) { return add_material(s, GPURT_MATERIAL_LAMBERT, {0.8f, 0.8f, 0.8f}); }, true,
+      {0, 0, 0.8f}, {0, 0.8f, 0.6f},
+      [](gpurt_scene s) { add_light(s, GPURT_LIGHT_POINT, {0, 0, -0.5f}, {0, 0, -1}, {1, 1, 1}); });
+  Work o;
+  o.device = GetParam();
+  o.spp = 8;
+  o.photon.photons_per_pass = 16384;
+  o.photon.initial_radius = 0.2f;
+  o.photon.remedies = all_remedies;
+  const double leaky = mean_of(scene, o);
+  EXPECT_GT(leaky, 0.01) << "without going on this test should leak";
+  o.photon.remedies |= GPURT_PHOTON_REMEDY_CONTINUE;
+  const double dark = mean_of(scene, o);
+  EXPECT_EQ(dark, 0) << "of " << leaky;
+}
+
+// Radiance is 1 wherever surfaces of albedo a shine with 1 - a: however many points a path goes on past, nothing is lost or
+// counted twice. The camera looks at an edge, where all of them have walls near.
+TEST_P(PhotonMapping, LosesNoLightWhereItGoesOn)
+{
+  const Device device = make_device(GetParam());
+  const Scene scene = make_halves(
+      device,
+      [](gpurt_scene s) {
+        gpurt_material_desc lamp = GPURT_MATERIAL_DESC_INIT;
+        for (int k = 0; k < 3; ++k) lamp.base_color[k] = 0.8f, lamp.emission[k] = 0.2f;
+        lamp.two_sided_emission = 1;
+        uint32_t id = 0;
+        GPURT_EXPECT_OK(gpurt_scene_add_material(s, &lamp, &id));
+        return id;
+      },
+      false, {0, 0, 0}, {0, 0.8f, 0.6f}, [](gpurt_scene) {});
+  Work o;
+  o.device = GetParam();
+  o.spp = 64;
+  o.max_depth = 100;
+  o.photon.photons_per_pass = 16384;
+  o.photon.initial_radius = 0.3f;
+  o.photon.remedies = all_remedies | uint32_t(GPURT_PHOTON_REMEDY_CONTINUE);
+  EXPECT_NEAR(mean_of(scene, o), 1, 0.005);
 }
 
 TEST_P(PhotonMapping, HasTheMeansOfPathTracingUnderEveryLight)

@@ -47,7 +47,8 @@ constexpr Named remedies_known[] = {{"all", 0},
                                     {"normal", GPURT_PHOTON_REMEDY_NORMAL},
                                     {"plane", GPURT_PHOTON_REMEDY_PLANE},
                                     {"side", GPURT_PHOTON_REMEDY_SIDE},
-                                    {"boundary", GPURT_PHOTON_REMEDY_BOUNDARY}};
+                                    {"boundary", GPURT_PHOTON_REMEDY_BOUNDARY},
+                                    {"continue", GPURT_PHOTON_REMEDY_CONTINUE}};
 constexpr Named outputs[] = {{"color", GPURT_OUTPUT_COLOR},
                              {"alpha", GPURT_OUTPUT_ALPHA},
                              {"depth", GPURT_OUTPUT_DEPTH},
@@ -200,7 +201,7 @@ void PhotonOptions::add_to(CLI::App &command)
       .add_option(
           "--photon-remedies", remedies,
           "photon mapping: what is done about photons of other surfaces: all, none or some of normal, "
-          "plane, side, boundary")
+          "plane, side, boundary, and continue, which all is without")
       ->check(one_of(remedies_known))
       ->delimiter(',')
       ->allow_extra_args(false)

@@ -7,6 +7,7 @@
 
 #include "core/path/path_pipeline.h"
 #include "core/photon/disc_area.h"
+#include "core/photon/near_vertex.h"
 
 namespace gpurt {
 
@@ -27,11 +28,26 @@ void trace_photons(Executor &exec, const SceneView &scene, const EmissionView &e
   }
 }
 
+// Lets the paths go on whose points of this depth have surfaces near them. The shadow rays of the step are done with.
+template <class Executor>
+void pass_near_points(Executor &exec, const PhotonPass &pass, const PathWave &wave, VisiblePoint *points,
+                      uint32_t depth, uint32_t num_rays)
+{
+  if (!(pass.remedies & remedy_continue)) return;
+  for (uint32_t k = 0; k < num_near_rays; ++k) {
+    exec.for_each(PathStage::Generate, num_rays, AimNearRay{wave, points, pass, depth, k});
+    const uint32_t num_aimed = exec.compact_shadows(wave.shadows, num_rays, wave.shadow_queue);
+    if (num_aimed == 0) break;
+    exec.trace_occluded(wave.shadow_queue.rays, wave.occluded, num_aimed);
+    exec.for_each(PathStage::Shadow, num_aimed, PassNearPoint{wave, points});
+  }
+}
+
 // Follows the unit's paths to their visible points. `film` takes what the eye rays met; its arrays may be null.
 template <class Executor>
 void trace_visible_points(Executor &exec, const SceneView &scene, const PathSettings &settings,
-                          const PathUnit &unit, const PathWave &wave, const FilmView &film,
-                          VisiblePoint *points, uint32_t num_paths)
+                          const PhotonPass &pass, const PathUnit &unit, const PathWave &wave,
+                          const FilmView &film, VisiblePoint *points, uint32_t num_paths)
 {
   exec.for_each(PathStage::Generate, num_paths, GenerateCameraRays{settings, unit, wave});
   uint32_t num_rays = num_paths;
@@ -45,6 +61,7 @@ void trace_visible_points(Executor &exec, const SceneView &scene, const PathSett
     const uint32_t num_shadows = exec.compact_shadows(wave.shadows, num_rays, wave.shadow_queue);
     exec.trace_occluded(wave.shadow_queue.rays, wave.occluded, num_shadows);
     exec.for_each(PathStage::Shadow, num_shadows, AddDirectLight{wave});
+    pass_near_points(exec, pass, wave, points, depth, num_rays);
     num_rays = exec.compact_rays(wave.next_rays, num_rays, wave.rays);
   }
 }

@@ -17,7 +17,8 @@ enum class PhotonEstimator : uint32_t {
 constexpr float largest_adaptive_factor = 4.0f;
 
 // Bits of gpurt_photon_remedy.
-constexpr uint32_t remedy_normal = 1, remedy_plane = 2, remedy_side = 4, remedy_boundary = 8;
+constexpr uint32_t remedy_normal = 1, remedy_plane = 2, remedy_side = 4, remedy_boundary = 8,
+                   remedy_continue = 32;
 
 struct PhotonSettings {
   uint32_t photons_per_pass;

@@ -46,7 +46,7 @@ void gather(const CpuAccel &accel, const SceneView &scene, const PathSettings &s
             const PhotonSums &sums, uint32_t num_paths, double (*seconds)(), PhotonKernelCounters &counters)
 {
   SerialExecutor executor(accel, seconds, counters.path);
-  trace_visible_points(executor, scene, settings, unit, wave, film, points, num_paths);
+  trace_visible_points(executor, scene, settings, pass, unit, wave, film, points, num_paths);
   if (statistics != nullptr) {
     executor.for_each(PathStage::Generate, num_paths,
                       SetPhotonRadii{unit, pass, statistics, settings.camera.width, points});
@@ -85,7 +85,8 @@ void find_points(const CpuAccel &accel, const SceneView &scene, const PathSettin
   PathKernelCounters counters{};
   SerialExecutor executor(accel, seconds, counters);
   const FilmView no_film{};
-  trace_visible_points(executor, scene, settings, unit, wave, no_film, points, num_paths);
+  const PhotonPass no_pass{};
+  trace_visible_points(executor, scene, settings, no_pass, unit, wave, no_film, points, num_paths);
 }
 
 }  // namespace

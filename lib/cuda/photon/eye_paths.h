@@ -4,6 +4,7 @@
 #include <cuda_runtime_api.h>
 
 #include "core/photon/estimator.h"
+#include "core/photon/near_vertex.h"
 #include "cuda/accel/kernels.h"
 
 namespace gpurt::cuda {
@@ -35,6 +36,7 @@ struct EyeNumbers {
   unsigned long long num_visible;
   unsigned long long num_gathered;
   unsigned long long num_probes;  // of trials up to the one that ended them
+  unsigned long long num_near_rays;
 };
 
 /// Paths of a part of a unit, of one pass after another.
@@ -59,6 +61,13 @@ void launch_start_eye_paths(const EyeWave &wave, uint32_t n, cudaStream_t stream
 /// What n rays of queue `from` met, at `depth`; next rays go to the other queue.
 void launch_shade_eye_paths(const EyeWave &wave, int from, uint32_t depth, uint32_t n, cudaStream_t stream);
 void launch_add_direct_light(const EyeWave &wave, uint32_t n, cudaStream_t stream);
+
+/// Aims ray k of the paths of queue `from` that gather at `depth`, where their passes ask for it, into the places of shadow
+/// rays; the others' meet nothing.
+void launch_aim_near_rays(const EyeWave &wave, int from, uint32_t depth, uint32_t k, uint32_t n,
+                          cudaStream_t stream);
+/// Lets those go on whose ray met something.
+void launch_pass_near_points(const EyeWave &wave, int from, uint32_t depth, uint32_t n, cudaStream_t stream);
 
 /// Trials first .. first + per_point - 1 of every point, side by side in a queue.
 struct DiscTrials {

@@ -80,8 +80,22 @@ void EyeTracer::set_passes(const PhotonPass *passes, uint32_t first_slot)
   wave_.first_slot = first_slot;
 }
 
-bool EyeTracer::trace_points(const PathSettings &settings, const EyePixels &pixels, const FilmView &film,
-                             uint32_t n)
+// The shadow rays of the step are done with.
+void EyeTracer::pass_near_points(int from, uint32_t depth, uint32_t num_rays)
+{
+  RayOrder order;
+  if (queue_.has_near()) order = {Coherence::Coherent, 0, trace_scratch_, nullptr, nullptr};
+  for (uint32_t k = 0; k < num_near_rays; ++k) {
+    launch_aim_near_rays(wave_, from, depth, k, num_rays, queue_.stream);
+    launch_any(queue_.scene, wave_.shadows.queue.rays, num_rays, wave_.shadows.occluded, order,
+               queue_.stream);
+    launch_pass_near_points(wave_, from, depth, num_rays, queue_.stream);
+  }
+  queue_.mark(PhotonLap::Shadow);
+}
+
+bool EyeTracer::trace_points(const PathSettings &settings, uint32_t remedies, const EyePixels &pixels,
+                             const FilmView &film, uint32_t n)
 {
   wave_.settings = settings;
   wave_.pixels = pixels;
@@ -102,16 +116,18 @@ bool EyeTracer::trace_points(const PathSettings &settings, const EyePixels &pixe
     queue_.mark(PhotonLap::Shade);
     const EyeNumbers numbers = read_numbers();
     if (queue_.is_cancelled()) return false;
+    if (numbers.shadows != 0) {
+      const EyeShadows &shadows = wave_.shadows;
+      RayOrder order;
+      if (queue_.has_near())
+        order = {Coherence::Incoherent, 0, trace_scratch_, shadows.left_out, shadows.ended_at};
+      launch_any(queue_.scene, shadows.queue.rays, numbers.shadows, shadows.occluded, order, queue_.stream);
+      launch_add_direct_light(wave_, numbers.shadows, queue_.stream);
+      queue_.mark(PhotonLap::Shadow);
+      counters_.num_shadow_rays += numbers.shadows;
+    }
+    if (remedies & remedy_continue) pass_near_points(from, depth, num_rays);
     num_rays = numbers.next;
-    if (numbers.shadows == 0) continue;
-    const EyeShadows &shadows = wave_.shadows;
-    RayOrder order;
-    if (queue_.has_near())
-      order = {Coherence::Incoherent, 0, trace_scratch_, shadows.left_out, shadows.ended_at};
-    launch_any(queue_.scene, shadows.queue.rays, numbers.shadows, shadows.occluded, order, queue_.stream);
-    launch_add_direct_light(wave_, numbers.shadows, queue_.stream);
-    queue_.mark(PhotonLap::Shadow);
-    counters_.num_shadow_rays += numbers.shadows;
   }
   return true;
 }
@@ -195,6 +211,7 @@ EyeTracer::Counters EyeTracer::take_counters()
   Counters c = counters_;
   counters_ = {};
   c.num_bounce_rays += numbers.num_probes;
+  c.num_shadow_rays += numbers.num_near_rays;
   c.num_gathered = numbers.num_gathered;
   c.num_visible = numbers.num_visible;
   c.largest_sample = float_from_bits(numbers.largest_bits);

@@ -18,7 +18,8 @@ class EyeTracer {
   /// Turns to passes, in device memory; `first_slot` is that of the unit's first sample.
   void set_passes(const PhotonPass *passes, uint32_t first_slot);
   /// Follows n paths to their visible points. `film` takes what the eye rays met; its arrays may be null. False: cancelled.
-  bool trace_points(const PathSettings &settings, const EyePixels &pixels, const FilmView &film, uint32_t n);
+  bool trace_points(const PathSettings &settings, uint32_t remedies, const EyePixels &pixels,
+                    const FilmView &film, uint32_t n);
   /// Sets the radii of the points' gathers by the statistics of the film's pixels.
   void set_radii(const FilmView &film, uint32_t n);
   /// Measures the discs of the points, where the passes' remedies ask for it. False: cancelled.
@@ -38,6 +39,7 @@ class EyeTracer {
  private:
   const EyeNumbers &read_numbers();
   void clear_step();
+  void pass_near_points(int from, uint32_t depth, uint32_t num_rays);
 
   PassQueue &queue_;
   const uint32_t capacity_;

@@ -168,7 +168,8 @@ struct SamplesRenderer {
                             space.blurs.data() != nullptr ? space.blurs.data() + at : nullptr};
       const EyePixels pixels{{u.x0, u.y0, u.x1, u.y1, paths.first_sample, first}, 0};
       if (maps.traces_paths) {
-        if (!eye.trace_points(pass.settings, pixels, features, n)) return false;
+        if (!eye.trace_points(pass.settings, pass.photon->settings.remedies, pixels, features, n))
+          return false;
         if (film.statistics != nullptr) eye.set_radii(film, n);
         if (!eye.measure_discs(pass.photon->settings.remedies, n)) return false;
       }
@@ -492,7 +493,7 @@ PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionV
   const std::unique_ptr<PilotSpace> space = make_pilot_space(queue, num_points, num_paths);
   const WaitAtEnd wait(queue.stream);
   queue.clock.start(queue.stream);
-  space->eye.trace_points(settings, {{}, points_per_axis}, {}, num_points);
+  space->eye.trace_points(settings, 0, {{}, points_per_axis}, {}, num_points);
   std::vector<VisiblePoint> points(num_points);
   check(cudaMemcpyAsync(points.data(), space->eye.points(), num_points * sizeof(VisiblePoint),
                         cudaMemcpyDeviceToHost, queue.stream),

@@ -53,7 +53,7 @@ SCHEDULE = {
 }
 PHOTON_ESTIMATOR = Names("estimator", "auto", "memoryless", "per_pixel", "adaptive")
 PHOTON_KERNEL = Names("kernel", "auto", "constant", "cone")
-PHOTON_REMEDY = Names("remedies", "normal", "plane", "side", "boundary")
+PHOTON_REMEDY = Names("remedies", "normal", "plane", "side", "boundary", "continue")
 REYES_FILTER = Names("filter", "auto", "box", "gaussian", "mitchell")
 REYES_SHADING = Names("shading", "auto", "samples", "micropolygons", "blocks")
 PIPELINE = Names("pipeline", "auto", "path", "photon", "reyes", "hybrid")

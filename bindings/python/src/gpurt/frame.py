@@ -87,7 +87,8 @@ def _schedule_values(schedule: Optional[Mapping[str, Any]]) -> List[int]:
     return values
 
 
-_NO_REMEDY = 1 << len(PHOTON_REMEDY.names)  # GPURT_PHOTON_REMEDY_NONE
+_REMEDY_BITS = (1, 2, 4, 8, 32)  # of PHOTON_REMEDY
+_NO_REMEDY = 16  # GPURT_PHOTON_REMEDY_NONE
 
 
 def _photon_values(photon: Optional[Mapping[str, Any]]) -> Tuple[int, float, int, int, int]:
@@ -101,7 +102,7 @@ def _photon_values(photon: Optional[Mapping[str, Any]]) -> Tuple[int, float, int
     bits = 0
     if remedies is not None:
         for name in (remedies,) if isinstance(remedies, str) else remedies:
-            bits |= 1 << PHOTON_REMEDY.value(name)
+            bits |= _REMEDY_BITS[PHOTON_REMEDY.value(name)]
         bits = bits or _NO_REMEDY
     if given:
         raise InvalidArgument(f"photon: {next(iter(given))!r} is none of 'photons_per_pass', 'initial_radius', "
@@ -113,7 +114,7 @@ def _photon_names(values: Mapping[str, Any]) -> Dict[str, Any]:
     """What submit() takes, from gpurt_photon_settings."""
     if not values["photons_per_pass"]:
         return {}
-    remedies = tuple(name for i, name in enumerate(PHOTON_REMEDY.names) if values["remedies"] >> i & 1)
+    remedies = tuple(name for name, bit in zip(PHOTON_REMEDY.names, _REMEDY_BITS) if values["remedies"] & bit)
     return {**values, "estimator": PHOTON_ESTIMATOR.name(values["estimator"]),
             "kernel": PHOTON_KERNEL.name(values["kernel"]), "remedies": remedies}
 
@@ -196,7 +197,7 @@ class Frame:
             "counted", "refilled"), ray_budget. What is left out is "auto", the library's choice.
         :param photon: settings of the pipeline "photon", by name: photons_per_pass, initial_radius (metres), estimator
             ("memoryless", "per_pixel", "adaptive"), kernel ("constant", "cone"), remedies (any of "normal", "plane",
-            "side", "boundary"; () for none). What is left out is the library's choice, or what the frame's samples were
+            "side", "boundary", "continue"; () for none). What is left out is the library's choice, or what the frame's samples were
             made with.
         :param reyes: settings of the pipeline "reyes", by name: shading_rate (the area of a micropolygon in pixels),
             filter ("box", "gaussian", "mitchell"), shading ("samples", "micropolygons", "blocks"), shadows (False:

@@ -890,6 +890,7 @@ pub const GPURT_PHOTON_REMEDY_PLANE: gpurt_photon_remedy = 2;
 pub const GPURT_PHOTON_REMEDY_SIDE: gpurt_photon_remedy = 4;
 pub const GPURT_PHOTON_REMEDY_BOUNDARY: gpurt_photon_remedy = 8;
 pub const GPURT_PHOTON_REMEDY_NONE: gpurt_photon_remedy = 16;
+pub const GPURT_PHOTON_REMEDY_CONTINUE: gpurt_photon_remedy = 32;
 pub const GPURT_PHOTON_REMEDY_FORCE32: gpurt_photon_remedy = 2147483647;
 pub type gpurt_photon_remedy = ::std::os::raw::c_uint;
 #[repr(C)]

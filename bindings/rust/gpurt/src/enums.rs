@@ -172,6 +172,9 @@ c_enum! {
         Side = GPURT_PHOTON_REMEDY_SIDE,
         /// Divide by the part of the disc that lies on a surface: dark rims. Costs rays.
         Boundary = GPURT_PHOTON_REMEDY_BOUNDARY,
+        /// Follow paths past points that other surfaces are nearer to than the radius, and gather later: light under
+        /// walls. Costs 8 short rays a visible point; without settings it is off.
+        Continue = GPURT_PHOTON_REMEDY_CONTINUE,
     }
 }
 

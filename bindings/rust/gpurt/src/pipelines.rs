@@ -62,8 +62,8 @@ impl PhotonSettings {
         if raw.photons_per_pass == 0 {
             return Ok(None);
         }
-        let remedies = (0..4)
-            .map(|bit| 1 << bit)
+        let remedies = [1, 2, 4, 8, sys::GPURT_PHOTON_REMEDY_CONTINUE]
+            .into_iter()
             .filter(|bit| raw.remedies & bit != 0)
             .map(PhotonRemedy::from_raw)
             .collect::<Result<_>>()?;
