@@ -128,6 +128,30 @@ TEST_P(Absorption, AFloorWithinTheGlassIsLitThroughIt)
   }
 }
 
+// An eye within the slab: its first rays start in a medium of which they learn where they come out. Radiance within glass is
+// larger by the squared index.
+TEST_P(Absorption, AnEyeWithinTheGlassSeesThroughIt)
+{
+  const Device device = make_device(GetParam().device);
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, slab(5, 0, float(thickness)), add_tinted_glass(scene, {0.5f, 1, 0.125f}, float(thickness)));
+  set_environment(scene, 1);
+  constexpr double deep = 0.2;
+  add_camera(scene, {0, 0, float(deep)}, 0.01f);
+  commit(scene, GetParam().accel);
+  RenderOptions o{.width = 64, .height = 64, .spp = 16, .max_depth = 32};
+  o.pipeline = GetParam().pipeline;
+  const std::array<double, 3> seen = mean_color(scene, o);
+  const double per_thickness[3] = {0.5, 1, 0.125};
+  for (size_t k = 0; k < 3; ++k) {
+    const double left = std::pow(per_thickness[k], deep / thickness);
+    const double expected = ior * ior * left * (1 - reflectance) / (1 - reflectance * per_thickness[k]);
+    // One sample in 25 is reflected, and loses at most all.
+    EXPECT_NEAR(seen[k], expected, ior * ior * left * 4 * 0.2 / std::sqrt(64.0 * 64 * 16)) << "colour " << k;
+  }
+}
+
 // A distant light through a slab onto a floor, which no shadow ray finds: up to max_depth 4 photons that pass both sides at
 // once. Roulette takes them where the glass absorbs, so that those that come through carry what they carry without it.
 TEST_P(Absorption, PhotonsComeThroughByTheLaw)

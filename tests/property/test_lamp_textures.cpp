@@ -83,7 +83,7 @@ TEST_P(LampTextures, AStripOfALampLightsByItsFormFactor)
 TEST_P(LampTextures, LightAsTheirStripsAlone)
 {
   const Device device = make_device(GetParam().device);
-  const std::vector<bool> strips = {false, true, false, false, true};
+  const std::vector<uint8_t> greys = {0, 51, 0, 0, 255};  // of which 51 is a fifth
   const auto lit = [&](bool has_texture, gpurt_pipeline pipeline, bool two_sided) {
     Scene scene;
     GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
@@ -97,14 +97,16 @@ TEST_P(LampTextures, LightAsTheirStripsAlone)
              add_material(scene, GPURT_MATERIAL_LAMBERT, {0.6f, 0.7f, 0.8f}));
     const Corners corners{
         {{-0.5f, 0.6f, -0.4f}, {0.5f, 0.6f, -0.4f}, {0.5f, 0.5f, 0.4f}, {-0.5f, 0.5f, 0.4f}}};
-    if (has_texture)
-      add_sheet(scene, corners, add_lamp(scene, {6, 5, 4}, add_strips(scene, strips), two_sided));
-    else add_sheets(scene, corners, strips, add_lamp(scene, {6, 5, 4}, 0, two_sided));
-    // The rest of the lamp is black, and stands in the way of light.
-    if (!has_texture) {
-      std::vector<bool> others = strips;
-      others.flip();
-      add_sheets(scene, corners, others, add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}));
+    if (has_texture) {
+      add_sheet(scene, corners, add_lamp(scene, {6, 5, 4}, add_grey_strips(scene, greys), two_sided));
+    } else {
+      add_sheets(scene, corners, {false, true, false, false, false},
+                 add_lamp(scene, {1.2f, 1, 0.8f}, 0, two_sided));
+      add_sheets(scene, corners, {false, false, false, false, true},
+                 add_lamp(scene, {6, 5, 4}, 0, two_sided));
+      // The rest of the lamp is black, and stands in the way of light.
+      add_sheets(scene, corners, {true, false, true, true, false},
+                 add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}));
     }
     add_camera(scene, {0, 0, 2.2f}, 0.9f);
     commit(scene, GetParam().accel);

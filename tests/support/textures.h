@@ -5,14 +5,14 @@
 
 namespace gpurt_test {
 
-/// A row of texels that are all white and opaque, or all black and clear, side by side; not filtered.
-inline uint32_t add_strips(gpurt_scene scene, const std::vector<bool> &strips)
+/// A row of grey texels side by side, of which all channels are the same; not filtered.
+inline uint32_t add_grey_strips(gpurt_scene scene, const std::vector<uint8_t> &greys)
 {
   std::vector<uint8_t> texels;
-  for (const bool is_there : strips) texels.insert(texels.end(), 4, is_there ? 255 : 0);
+  for (const uint8_t grey : greys) texels.insert(texels.end(), 4, grey);
   gpurt_texture_desc desc = GPURT_TEXTURE_DESC_INIT;
   desc.format = GPURT_TEXTURE_RGBA8_LINEAR;
-  desc.width = uint32_t(strips.size());
+  desc.width = uint32_t(greys.size());
   desc.height = 1;
   desc.filter = GPURT_FILTER_NEAREST;
   desc.wrap_u = desc.wrap_v = GPURT_WRAP_CLAMP;
@@ -20,6 +20,14 @@ inline uint32_t add_strips(gpurt_scene scene, const std::vector<bool> &strips)
   uint32_t id = 0;
   GPURT_EXPECT_OK(gpurt_scene_add_texture(scene, &desc, &id));
   return id;
+}
+
+/// White and opaque where there is a strip, else black and clear.
+inline uint32_t add_strips(gpurt_scene scene, const std::vector<bool> &strips)
+{
+  std::vector<uint8_t> greys;
+  for (const bool is_there : strips) greys.push_back(is_there ? 255 : 0);
+  return add_grey_strips(scene, greys);
 }
 
 using Corners = std::array<std::array<float, 3>, 4>;
