@@ -6,6 +6,7 @@
 //   two-sided surfaces black on one side                        TakesTheFluxOfPhotonsAsItIs
 //   cells counted by int(extent / r) without a bound            PhotonGrid.ClampsItsCellsWhereTheRadiusIsTiny
 //   k of k nearest photons counted in the disc of the k-th      RadiiComeFromPhotonsThatAreNotGathered
+//   radii of pass k shrunk by k + 1 or k - 1 factors            RadiiFallByAFactorForEveryPassBefore
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
 
@@ -116,6 +117,29 @@ TEST(PhotonEstimator, RadiiComeFromPhotonsThatAreNotGathered)
 }
 
 // Photons arrive with the cosine already: a slanting one is not rarer by its weight. And a sheet has two sides.
+// Knaus and Zwicker's rule has i = 1 for the pass after the first: pass k, counted from 0, has k factors.
+TEST(PhotonEstimator, RadiiFallByAFactorForEveryPassBefore)
+{
+  EXPECT_EQ(photon_radius2_share(0), 1);
+  EXPECT_DOUBLE_EQ(photon_radius2_share(1), (1 + 2.0 / 3) / 2);
+  EXPECT_DOUBLE_EQ(photon_radius2_share(2), (1 + 2.0 / 3) / 2 * ((2 + 2.0 / 3) / 3));
+  // In closed form, on both sides of where the product ends.
+  for (const uint64_t k :
+       {uint64_t(3), uint64_t(1000), uint64_t(65536), uint64_t(65537), uint64_t(1) << 30}) {
+    const double n = double(k);
+    const double share = std::exp(std::lgamma(n + 5.0 / 3) - std::lgamma(n + 2) - std::lgamma(5.0 / 3));
+    EXPECT_NEAR(photon_radius2_share(k) / share, 1, 3e-6 / std::sqrt(n)) << k;
+  }
+  const EmissionView emission{nullptr, 0, 1.0f, {0, 0, 0}, 1.0f};
+  for (const uint64_t pass : {0, 1, 7}) {
+    const PhotonPass made = make_photon_pass({1000, 0.25f, PhotonKernel::Constant, 0}, emission, pass);
+    EXPECT_FLOAT_EQ(made.radius, float(0.25 * std::sqrt(photon_radius2_share(pass)))) << pass;
+    // The estimate is divided by the area of the pass's own disc.
+    EXPECT_FLOAT_EQ(made.scale,
+                    float(1 / (1000 * 3.14159265358979 * double(made.radius) * double(made.radius))));
+  }
+}
+
 TEST(PhotonEstimator, TakesTheFluxOfPhotonsAsItIs)
 {
   std::vector<Photon> photons;

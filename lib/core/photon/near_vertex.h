@@ -57,7 +57,8 @@ struct AimNearRay {
     const uint32_t path = wave.rays.paths[i];
     wave.shadows.rays[i].tmax = -1.0f;
     wave.shadows.paths[i] = path;
-    if (gathers_at(points[path], depth)) wave.shadows.rays[i] = near_ray(pass, wave.paths[path].key, points[path], k);
+    if (gathers_at(points[path], depth))
+      wave.shadows.rays[i] = near_ray(pass, wave.paths[path].key, points[path], k);
   }
 };
 
