@@ -2,11 +2,15 @@
 // on surfaces with a caustic. One JSON line a case.
 //
 //   bench_photons [--device cpu|cuda] [--points N]... [--queries N] [--set NAME]... [--repeats N] [--threads N]
+//                 [--most-lists N]
 //
 // Sets: uniform (the unit cube), surface (64 spheres, even by area), caustic (the same; half of the points and of the
 // queries in a cap of a thousandth of the area, with a radius for the cap), caustic-wide (with a radius such that the
 // background holds 10). Queries are drawn like the points, in random order. Times of queries are those of batches that
 // are queued one after another, sorting included; on the CPU, of single calls.
+//
+// Structures that are compared: the grid; a pyramid of grids, for nearest points; and the talk's lists of the photons
+// within the radius of a kd-tree's leaves, which the host makes, for up to --most-lists points (1000000).
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -127,7 +131,7 @@ struct Options {
   bool is_cuda = true;
   std::vector<uint64_t> points;
   std::vector<std::string> sets;
-  uint64_t queries = 1000000;
+  uint64_t queries = 1000000, most_lists = 1000000;
   uint32_t repeats = 5, threads = 0;
 };
 
@@ -217,6 +221,7 @@ class Bench {
     query.normals = directions.floats();
     query.min_cosine = 0.5f;
     ask(full, query, "flux of like normals", counts);
+    if (n <= options_.most_lists) compare_lists(full, query, counts);
 
     query = GPURT_PHOTON_QUERY_DESC_INIT;
     query.query = GPURT_PHOTON_QUERY_NEAREST;
@@ -239,6 +244,25 @@ class Bench {
     query.radius = query.radius_hint = 0;
     ask(levels, query, "50 nearest, no hint, 4 levels", counts);
     for (gpurt_photon_map map : {bare, full, levels}) gpurt_photon_map_release(map);
+  }
+
+  // The lists of a kd-tree's nodes beside the grid. They do not work on streams, so both take calls that wait.
+  void compare_lists(gpurt_photon_map map, gpurt_photon_query_desc query, const Array &counts)
+  {
+    const double start = now();
+    query.method = GPURT_GATHER_NODE_LISTS;
+    check(gpurt_photon_map_query(map, &query), "gpurt_photon_map_query");
+    // The first query makes them.
+    print("build of node lists", {now() - start}, double(num_points_) / (now() - start), "");
+    for (const bool has_normals : {true, false}) {
+      if (!has_normals) query.normals = nullptr;
+      for (const gpurt_gather_method method : {GPURT_GATHER_GRID, GPURT_GATHER_NODE_LISTS}) {
+        query.method = method;
+        const std::string what = std::string(has_normals ? "flux of like normals" : "flux") + ", call, " +
+                                 (method == GPURT_GATHER_GRID ? "grid" : "node lists");
+        ask(map, query, what.c_str(), counts, true);
+      }
+    }
   }
 
   // What kernels take of a multiprocessor.
@@ -294,13 +318,15 @@ class Bench {
     return map;
   }
 
-  void ask(gpurt_photon_map map, const gpurt_photon_query_desc &query, const char *what, const Array &counts)
+  void ask(gpurt_photon_map map, const gpurt_photon_query_desc &query, const char *what, const Array &counts,
+           bool waits = false)
   {
     std::vector<double> seconds;
-    const uint32_t batches = options_.is_cuda ? 4 : 1;
+    const bool is_queued = options_.is_cuda && !waits;
+    const uint32_t batches = is_queued ? 4 : 1;
     for (uint32_t i = 0; i <= options_.repeats; ++i) {
       const double start = now();
-      if (options_.is_cuda) {
+      if (is_queued) {
         for (uint32_t b = 0; b < batches; ++b)
           check(gpurt_cuda_query_photons(map, &query, nullptr, nullptr, nullptr), "gpurt_cuda_query_photons");
         check(gpurt_cuda_wait(device_, properties_.ordinal, nullptr), "gpurt_cuda_wait");
@@ -332,6 +358,7 @@ Options parse(int argc, char **argv)
     if (name == "--device") options.is_cuda = value == "cuda";
     else if (name == "--points") options.points.push_back(std::strtoull(value.c_str(), nullptr, 10));
     else if (name == "--queries") options.queries = std::strtoull(value.c_str(), nullptr, 10);
+    else if (name == "--most-lists") options.most_lists = std::strtoull(value.c_str(), nullptr, 10);
     else if (name == "--set") options.sets.push_back(value);
     else if (name == "--repeats") options.repeats = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--threads") options.threads = uint32_t(std::atoi(value.c_str()));
