@@ -52,8 +52,8 @@ std::vector<float> read(const char *path)
   std::ifstream file(path, std::ios::binary | std::ios::ate);
   std::vector<float> values(file ? size_t(file.tellg()) / sizeof(float) : 0);
   file.seekg(0);
-  if (values.empty() || !file.read(reinterpret_cast<char *>(values.data()),
-                                   std::streamsize(values.size() * sizeof(float)))) {
+  if (values.empty() ||
+      !file.read(reinterpret_cast<char *>(values.data()), std::streamsize(values.size() * sizeof(float)))) {
     std::fprintf(stderr, "error: %s cannot be read\n", path);
     std::exit(1);
   }

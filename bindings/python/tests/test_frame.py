@@ -266,7 +266,7 @@ def test_reyes(box):
 
 def test_photon_mapping(box):
     photon = {"photons_per_pass": 4096, "initial_radius": 0.1, "estimator": "memoryless", "kernel": "cone",
-              "remedies": ("normal", "side")}
+              "remedies": ("normal", "continue")}
     frame = gpurt.Frame(box, width=16, height=16)
     frame.submit("photon", spp=2, photon=photon).wait()
     statistics = frame.statistics

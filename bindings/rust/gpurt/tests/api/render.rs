@@ -53,7 +53,7 @@ fn settings_of_photon_mapping_are_taken_and_resolved() {
     let photon = PhotonSettings {
         photons_per_pass: 5000,
         initial_radius: 0.125,
-        remedies: Some(vec![PhotonRemedy::Normal, PhotonRemedy::Side]),
+        remedies: Some(vec![PhotonRemedy::Normal, PhotonRemedy::Continue]),
         ..Default::default()
     };
     let render = RenderDesc::new().pipeline(Pipeline::Photon).photon(photon).samples(2);
@@ -63,7 +63,7 @@ fn settings_of_photon_mapping_are_taken_and_resolved() {
     assert_eq!((resolved.photons_per_pass, resolved.initial_radius), (5000, 0.125));
     assert_eq!(resolved.estimator, PhotonEstimator::Memoryless);
     assert_eq!(resolved.kernel, gpurt::PhotonKernel::Constant);
-    assert_eq!(resolved.remedies, Some(vec![PhotonRemedy::Normal, PhotonRemedy::Side]));
+    assert_eq!(resolved.remedies, Some(vec![PhotonRemedy::Normal, PhotonRemedy::Continue]));
     assert_eq!(statistics.photon_counters.num_emitted, 10_000);
     assert!(statistics.photon_counters.num_gathered > 0);
     assert_eq!(statistics.reyes, None);
