@@ -33,9 +33,6 @@ struct ReyesMemory {
   uint32_t *first;  // of each cell
 };
 
-// Samples of a pixel, even ones or odd ones, for which one path finds the light of a point.
-constexpr uint32_t samples_per_path = 16;
-
 // A micropolygon, a block of them or a sample's point of a mesh, and its light.
 struct ShadedPoint {
   uint32_t slot;   // of a sample that sees it

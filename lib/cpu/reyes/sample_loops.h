@@ -2,7 +2,7 @@
 // have no branches, so that the compiler makes vectors of them.
 #pragma once
 
-#include "core/reyes/map.h"
+#include "core/reyes/lit_point.h"
 #include "core/reyes/sample.h"
 #include "core/scene/surface.h"
 #include "cpu/reyes/fragments.h"
@@ -15,25 +15,6 @@ GPURT_FUNCTIONS_BEGIN
 constexpr uint32_t samples_per_run = 64;
 // A micropolygon looks at num_lanes samples at a time, of the few that its cells of a row have. x, y, z and root of a block may
 // be read so far beyond their ends, and written what they hold: other arrays of the same thread follow (ReyesMemory).
-
-// Where the light of a grid's micropolygons, or of its blocks of them, is computed.
-struct GridMiddles {
-  Piece piece;
-  uint32_t bits_u, bits_v;    // log2 of the points along the sides
-  uint32_t shift_u, shift_v;  // log2 of the micropolygons that share one
-
-  Vec2f of(uint32_t i, uint32_t j) const
-  {
-    return {parameter(middle_of_part(piece.u, piece.u_bits, bits_u, i >> shift_u)),
-            parameter(middle_of_part(piece.v, piece.v_bits, bits_v, j >> shift_v))};
-  }
-};
-
-GPURT_INLINE GridMiddles middles_of(const Piece &p, uint32_t block_bits)
-{
-  const uint32_t bits_u = shaded_bits(p.grid_u, block_bits), bits_v = shaded_bits(p.grid_v, block_bits);
-  return {p, bits_u, bits_v, p.grid_u - bits_u, p.grid_v - bits_v};
-}
 
 // Puts micropolygons and triangles, root by root, into the samples of a block.
 class BlockSampler {
@@ -138,7 +119,7 @@ class BlockSampler {
         for (; left != 0; left &= left - 1) {
           const uint32_t k = uint32_t(__builtin_ctz(left)), i = first + k, a = j * width + i;
           const uint32_t own = has_light ? light->of(i, j) : 0;
-          if (!has_light && middles != nullptr) middle_ = middles->of(i, j);
+          if (!has_light && middles != nullptr) middle_ = middle_of(*middles, i, j);
           if (tiny >> k & 1) {
             sample_tiny_quad(block, quads, k, grid, a, has_light, lanes(own), num_fragments);
             continue;
@@ -217,30 +198,13 @@ class BlockSampler {
     }
   }
 
-  // Leaves out cells at both ends of a row of `cells` that a triangle cannot cover: the box of a large one may be far larger
-  // than it is. Edge functions are linear; what they are largest at within the row decides.
+  // Leaves out cells at both ends of a row of `cells` that a triangle cannot cover.
   void narrow(const AnyCover &t, int32_t row, CellRange &cells) const
   {
-    const double size = double(1 << block_.cell_bits);
-    const double origin_x = double(origin_x_), y0 = double(origin_y_) + double(row) * size, y1 = y0 + size;
-    const double begin = origin_x + double(cells.x0) * size, end = origin_x + double(cells.x1 + 1) * size;
-    double x0 = begin, x1 = end;
-    for (const EdgeForm &e : t.edge) {
-      const double a = e.a * t.sign, b = e.b * t.sign, c = e.c * t.sign;
-      const double below = (y0 - e.oy) * b, above = (y1 - e.oy) * b;
-      // Ten roundings, here and in cover_any, of at most 2^-53 of the largest terms: 2^-48 of a sum of them is more.
-      const double terms = (abs(begin - e.ox) + abs(end - e.ox)) * abs(a) + abs(below) + abs(above) + abs(c);
-      const double rest = (below > above ? below : above) + c + terms * 0x1p-48;
-      if (a == 0.0) {
-        if (rest < 0.0) x1 = x0 - size;
-        continue;
-      }
-      // A unit more for the rounding of the quotient; what is not a number leaves the range as it is.
-      const double bound = e.ox - rest / a;
-      if (a > 0.0 && bound - 1.0 > x0) x0 = bound - 1.0;
-      if (a < 0.0 && bound + 1.0 < x1) x1 = bound + 1.0;
-    }
-    if (x0 > x1) {
+    const double size = double(1 << block_.cell_bits), origin_x = double(origin_x_);
+    const double y0 = double(origin_y_) + double(row) * size;
+    double x0 = origin_x + double(cells.x0) * size, x1 = origin_x + double(cells.x1 + 1) * size;
+    if (!narrow_row(t, y0, y0 + size, x0, x1)) {
       cells.x1 = cells.x0 - 1;
       return;
     }
