@@ -1235,13 +1235,13 @@ typedef enum gpurt_reyes_filter {
 
 /* Where light is computed. A micropolygon's own light is that of the surface in the middle of its (u, v); samples that see
    it have that light, where it takes no rays rounded without bias to 9 bits of red and green, 8 of blue and an exponent. It
-   depends on the patch, the camera and the samples' numbers alone, not on tiles, threads or memory. Surfaces that blend are
-   UNSUPPORTED, and on CUDA devices shadows, meshes, lamps, environments, alpha masks and outputs other than COLOR, ALPHA,
-   SAMPLE_COUNT and VARIANCE: docs/reyes.md. */
+   depends on the patch, the camera and the samples' numbers alone, not on tiles, threads or memory. Where there are shadows,
+   meshes, lamps, environments, alpha masks or outputs other than COLOR, ALPHA, SAMPLE_COUNT and VARIANCE it is found after
+   visibility, by rays: docs/reyes.md. Surfaces that blend are UNSUPPORTED. */
 typedef enum gpurt_reyes_shading {
   GPURT_REYES_SHADING_AUTO = 0,          /* samples */
   GPURT_REYES_SHADING_SAMPLES = 1,       /* at every sample, once it is known what samples see */
-  GPURT_REYES_SHADING_MICROPOLYGONS = 2, /* once for each micropolygon, before it is sampled */
+  GPURT_REYES_SHADING_MICROPOLYGONS = 2, /* once for each micropolygon */
   GPURT_REYES_SHADING_BLOCKS = 3,        /* once for each 2 x 2 of them, in the middle of the four */
   GPURT_REYES_SHADING_FORCE32 = 0x7fffffff
 } gpurt_reyes_shading;

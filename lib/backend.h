@@ -209,8 +209,6 @@ class CommittedScene {
   virtual void require_reyes() const;
   /// How REYES cuts patches and goes through its stages, with values for what was left to the library. Throws UNSUPPORTED.
   virtual ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings) const;
-  /// Whether micropolygons' own light may come by rays: with shadows, from lamps and the environment.
-  virtual bool own_light_has_rays() const { return false; }
   /// Throws INVALID_ARGUMENT where there is no such kd-tree.
   virtual HostKdTree export_tree(uint32_t tree) const = 0;
   /// The schedule with values for what was left to the library. Throws UNSUPPORTED naming what is not there.

@@ -24,7 +24,6 @@ class CpuScene final : public CommittedScene {
   std::shared_ptr<const PhotonMap> photon_map(const PathSettings &settings, const EmissionView &emission,
                                               const ScenePhotonRequest &request) const override;
   void require_reyes() const override {}
-  bool own_light_has_rays() const override { return true; }
   HostKdTree export_tree(uint32_t tree) const override { return accelerator_->export_tree(tree); }
 
   Schedule resolve_schedule(const Schedule &asked, ScheduleUse) const override

@@ -82,41 +82,31 @@ Camera make_camera(const CameraData &data, uint32_t width, uint32_t height)
   return camera;
 }
 
-// On devices whose own light has no rays it is direct light that nothing stands before, and samples keep it and nothing
-// else.
-void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uint32_t outputs, bool has_rays)
+void check_own_light(const ReyesSettings &reyes, const CompiledScene &scene)
 {
-  const char *shading = reyes.shading == ReyesShading::Blocks ? "GPURT_REYES_SHADING_BLOCKS"
-                                                              : "GPURT_REYES_SHADING_MICROPOLYGONS";
-  const auto refuse = [&](const char *what, const char *remedy) {
-    fail(GPURT_ERROR_UNSUPPORTED, "reyes.shading is {}, but {}; {}use GPURT_REYES_SHADING_SAMPLES", shading,
-         what, remedy);
-  };
-  if (scene.has_blending) refuse("surfaces that blend are lit at samples", "");
-  if (has_rays) return;
-  if (!reyes.no_shadows)
-    refuse("shadows are rays of samples on this device", "set no_shadows, use a CPU device, or ");
-  constexpr uint32_t own = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA |
-                           1u << GPURT_OUTPUT_SAMPLE_COUNT | 1u << GPURT_OUTPUT_VARIANCE;
-  for (uint32_t i = 0; i < GPURT_OUTPUT_COUNT; ++i) {
-    if ((outputs & ~own & 1u << i) == 0) continue;
-    refuse(
-        fmt::format("samples of this device then know their light alone, not what {} of the frame asks for",
-                    output_name(gpurt_output(i)))
-            .c_str(),
-        "create the frame without it, use a CPU device, or ");
-  }
-  for (const PatchRange &range : scene.patch_ranges) {
-    if (range.num_patches == 0)
-      refuse("triangles of meshes are not diced on this device", "use a CPU device, or ");
-  }
+  if (!scene.has_blending) return;
+  fail(GPURT_ERROR_UNSUPPORTED,
+       "reyes.shading is {}, but surfaces that blend are lit at samples; use GPURT_REYES_SHADING_SAMPLES",
+       reyes.shading == ReyesShading::Blocks ? "GPURT_REYES_SHADING_BLOCKS"
+                                             : "GPURT_REYES_SHADING_MICROPOLYGONS");
+}
+
+// Whether micropolygons' own light is found after visibility: where it takes rays, where not all that is seen is a
+// micropolygon, or where more than light is asked for. Else samples keep it and nothing else.
+bool needs_rays_for_own_light(const ReyesSettings &reyes, const CompiledScene &scene, uint32_t outputs)
+{
+  constexpr uint32_t outputs_of_light = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA |
+                                        1u << GPURT_OUTPUT_SAMPLE_COUNT | 1u << GPURT_OUTPUT_VARIANCE;
+  if (!reyes.no_shadows || scene.environment.is_present || scene.has_alpha_masks ||
+      (outputs & ~outputs_of_light) != 0)
+    return true;
   for (const Light &light : scene.lights) {
-    if (light.type == LightType::Triangle)
-      refuse("light of lamps comes by rays of samples on this device", "use a CPU device, or ");
+    if (light.type == LightType::Triangle) return true;
   }
-  if (scene.environment.is_present)
-    refuse("light of an environment comes by rays of samples on this device", "use a CPU device, or ");
-  if (scene.has_alpha_masks) refuse("alpha is looked up at samples on this device", "use a CPU device, or ");
+  for (size_t i = 0; i < scene.segments.size(); ++i) {
+    if (scene.patch_ranges[i].num_patches == 0 && scene.segments[i].num_triangles != 0) return true;
+  }
+  return false;
 }
 
 }  // namespace
@@ -295,15 +285,17 @@ ReyesSettings Frame::resolve_reyes(const gpurt_reyes_settings &asked) const
   const std::scoped_lock lock(totals_mutex_);
   ReyesSettings s = state_.totals.reyes;
   if (s.shading_rate == 0 || state_.totals.counters.num_samples == 0)
-    s = {0.25f, ReyesFilter::Box, ReyesShading::Samples, 0, 0, 0};
+    s = {0.25f, ReyesFilter::Box, ReyesShading::Samples, 0, 0, 0, 0};
   if (asked.shading_rate != 0) s.shading_rate = asked.shading_rate;
   if (asked.filter != 0) s.filter = ReyesFilter(asked.filter);
   if (asked.shading != 0) s.shading = ReyesShading(asked.shading);
   if (asked.no_shadows != 0) s.no_shadows = 1;
   if (asked.flatness != 0) s.flatness = asked.flatness;
   if (asked.fragment_slots != 0) s.fragment_slots = asked.fragment_slots;
+  s.lights_by_rays = 0;
   if (s.shading != ReyesShading::Samples) {
-    check_own_light(s, *scene_.compiled, state_.settings.outputs, scene_.committed->own_light_has_rays());
+    check_own_light(s, *scene_.compiled);
+    s.lights_by_rays = needs_rays_for_own_light(s, *scene_.compiled, state_.settings.outputs) ? 1 : 0;
   }
   return s;
 }

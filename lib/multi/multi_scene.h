@@ -38,7 +38,6 @@ class MultiScene final : public CommittedScene, public StreamTracing {
   {
     return scenes_[0]->resolve_reyes_schedule(asked, settings);
   }
-  bool own_light_has_rays() const override { return scenes_[0]->own_light_has_rays(); }
   void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event,
                        void *done_event) const override;
 

@@ -271,6 +271,39 @@ TEST(CudaReyes, IsTheSameInLittleMemory)
   }
 }
 
+// Lists of large triangles and of micropolygons of some pixels that are full: from as little memory as there is an image in.
+TEST(CudaReyes, OfFlatRegionsIsTheSameInLittleMemory)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const uint32_t side = uint32_t(amount(200, 100));
+  const Scene a = scene_of(make_device(GPURT_DEVICE_CUDA), fill_at_the_eye);
+  for (const gpurt_reyes_filter filter : {GPURT_REYES_FILTER_BOX, GPURT_REYES_FILTER_GAUSSIAN}) {
+    ReyesPicture p = reyes_picture(side, side, 9, 0, filter);
+    p.options.reyes.flatness = 0.5f;
+    const std::vector<OutputBits> bits = bits_of(a, p);
+    int num_images = 0;
+    for (uint64_t mebibytes = 2; mebibytes <= 64 && num_images < 2; mebibytes += (mebibytes + 1) / 2) {
+      SCOPED_TRACE(mebibytes);
+      const Scene b = scene_of(make_device(GPURT_DEVICE_CUDA, 0, mebibytes << 20), fill_at_the_eye);
+      gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
+      desc.pipeline = GPURT_PIPELINE_REYES;
+      desc.samples_per_pixel = p.options.spp;
+      desc.max_depth = p.options.max_depth;
+      desc.reyes = p.options.reyes;
+      const Frame frame = frame_of(b, p);
+      Job job;
+      GPURT_ASSERT_OK(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()));
+      const gpurt_result result = gpurt_job_wait(job, GPURT_WAIT_FOREVER);
+      if (result == GPURT_ERROR_OUT_OF_MEMORY) continue;
+      ASSERT_EQ(result, GPURT_OK) << gpurt_last_error();
+      expect_same(bits, read_all(frame, p.options));
+      std::printf("%llu MiB were enough\n", (unsigned long long)mebibytes);
+      ++num_images;
+    }
+    EXPECT_EQ(num_images, 2);
+  }
+}
+
 TEST(CudaReyes, IsTheSameEveryTime)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";

@@ -1,4 +1,4 @@
-// Micropolygons' own light by rays, which CPU devices have: shadows, lamps, environments, meshes and alpha masks beside patches.
+// Micropolygons' own light by rays: shadows, lamps, environments, meshes and alpha masks beside patches.
 #include <tuple>
 
 #include "../support/patch_shapes.h"

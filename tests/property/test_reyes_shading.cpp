@@ -254,42 +254,6 @@ TEST_P(ReyesShading, IsThatOfAWhiteTexture)
   }
 }
 
-// CPU devices light these by rays: test_reyes_ray_light.
-TEST_P(ReyesShading, RefusesWhatItCannotLight)
-{
-  const Device device = make_device(GetParam());
-  const auto refuse = [&](const char *text, const auto &change, uint32_t outputs = kept_outputs,
-                          uint32_t no_shadows = 1) {
-    Scene scene;
-    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
-    add_patches(scene, closed_patches(1, 0.1, 2));
-    add_light(scene, GPURT_LIGHT_POINT, 1);
-    add_camera(scene, {0, 0, 3}, 1);
-    change(scene);
-    coarse_commit(scene);
-    const RenderOptions o = shading_options(GPURT_REYES_SHADING_BLOCKS, 8, 1);
-    const Frame frame = make_frame(scene, o, outputs);
-    gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
-    desc.pipeline = GPURT_PIPELINE_REYES;
-    desc.reyes = o.reyes;
-    desc.reyes.no_shadows = no_shadows;
-    Job job;
-    EXPECT_EQ(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()), GPURT_ERROR_UNSUPPORTED) << text;
-    EXPECT_NE(std::string(gpurt_last_error()).find(text), std::string::npos) << gpurt_last_error();
-    EXPECT_NE(std::string(gpurt_last_error()).find("GPURT_REYES_SHADING_BLOCKS"), std::string::npos);
-  };
-  const auto nothing = [](gpurt_scene) {};
-  if (GetParam() == GPURT_DEVICE_CPU) return;
-  refuse("normal", nothing, kept_outputs | 1u << GPURT_OUTPUT_NORMAL);
-  refuse("shadows are rays", nothing, kept_outputs, 0);
-  refuse("meshes", [](gpurt_scene scene) { add_mesh(scene, icosphere(1)); });
-  refuse("environment", [](gpurt_scene scene) { set_environment(scene, 1); });
-  refuse("lamps", [](gpurt_scene scene) {
-    add_patches(scene, closed_patches(1, 0, 1),
-                add_material(scene, GPURT_MATERIAL_LAMBERT, {0, 0, 0}, {1, 1, 1}));
-  });
-}
-
 INSTANTIATE_TEST_SUITE_P(Cpu, ReyesShading, ::testing::Values(GPURT_DEVICE_CPU));
 INSTANTIATE_TEST_SUITE_P(Cuda, ReyesShading, ::testing::Values(GPURT_DEVICE_CUDA));
 

@@ -44,6 +44,7 @@ struct ReyesSettings {
   uint32_t no_shadows;
   float flatness;  // pixels that micropolygons larger than the rate may leave the surface by; 0: none are
   uint32_t fragment_slots;  // that a sample has for surfaces that blend; 0: as many as it takes
+  uint32_t lights_by_rays;  // 1: micropolygons' own light is found after visibility; see lit_point.h
 };
 
 // A frame has fewer roots than this: ids are of 32 bits.

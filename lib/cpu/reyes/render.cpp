@@ -160,10 +160,6 @@ RenderCounters counters_from(const ReyesKernelCounters &k, uint64_t num_samples)
   return c;
 }
 
-// What samples that keep their light and nothing else are enough for.
-constexpr uint32_t outputs_of_light = 1u << GPURT_OUTPUT_COLOR | 1u << GPURT_OUTPUT_ALPHA |
-                                      1u << GPURT_OUTPUT_SAMPLE_COUNT | 1u << GPURT_OUTPUT_VARIANCE;
-
 // Lamps or an environment, which rays from surfaces may meet.
 bool has_light_to_find(const SceneView &scene)
 {
@@ -171,14 +167,6 @@ bool has_light_to_find(const SceneView &scene)
   for (uint32_t i = 0; i < scene.num_tree_lights; ++i)
     has_lamps |= scene.lights[i].type == LightType::Triangle;
   return has_lamps || scene.environment.is_present != 0;
-}
-
-bool has_meshes(const ReyesScene &scene)
-{
-  for (uint32_t i = 0; i < scene.scene.num_segments; ++i) {
-    if (scene.patches[i].num_patches == 0 && scene.scene.segments[i].num_triangles != 0) return true;
-  }
-  return false;
 }
 
 }  // namespace
@@ -195,9 +183,7 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
                  num_roots, max_roots);
   }
   const bool has_found_light = has_light_to_find(scene.scene);
-  const bool lights_by_rays = reyes.shading != ReyesShading::Samples &&
-                              (!reyes.no_shadows || has_found_light || scene.scene.has_alpha_masks ||
-                               has_meshes(scene) || (pass.outputs & ~outputs_of_light) != 0);
+  const bool lights_by_rays = reyes.lights_by_rays != 0;
   uint64_t most_samples = 1, film_bytes = 0;
   for (const WorkUnit &u : pass.units) {
     most_samples = std::max(most_samples, u.num_samples);

@@ -338,4 +338,23 @@ bool render_wave(const TraceScene &scene, const PathSettings &settings, const Pa
   return true;
 }
 
+bool add_direct_light(const TraceScene &scene, uint32_t n, const std::function<void()> &make_rays,
+                      const std::atomic<bool> *cancelled, WaveMemory &memory, cudaStream_t stream,
+                      WaveCounters &counters, const RayStandIns &stand_ins)
+{
+  const PathWave &wave = memory.wave();
+  const PathUnit unit{};
+  StreamExecutor executor(scene, cancelled, memory, stream, counters, unit, stand_ins);
+  make_rays();
+  memory.clock.mark(stream, PathStage::Shade);
+  const uint32_t num_shadows = executor.compact_shadows(wave.shadows, n, wave.shadow_queue);
+  if (executor.was_cancelled()) return false;
+  executor.trace_occluded(wave.shadow_queue.rays, wave.occluded, num_shadows);
+  executor.for_each(PathStage::Shadow, num_shadows, AddDirectLight{wave});
+  if (ScheduledTracer *tracer = memory.tracer()) tracer->collect(counters.schedule);
+  check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
+  memory.clock.collect(counters.stage_seconds);
+  return true;
+}
+
 }  // namespace gpurt::cuda

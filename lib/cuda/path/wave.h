@@ -109,4 +109,10 @@ bool render_wave(const TraceScene &scene, const PathSettings &settings, const Pa
                  WaveMemory &memory, cudaStream_t stream, WaveCounters &counters,
                  const RayStandIns &stand_ins = {});
 
+/// Adds direct light to paths 0 .. n - 1 of the wave, whose shadow rays `make_rays` puts into its slots on the stream; false
+/// if `cancelled` became true on the way. The schedule must be one with slots.
+bool add_direct_light(const TraceScene &scene, uint32_t n, const std::function<void()> &make_rays,
+                      const std::atomic<bool> *cancelled, WaveMemory &memory, cudaStream_t stream,
+                      WaveCounters &counters, const RayStandIns &stand_ins = {});
+
 }  // namespace gpurt::cuda

@@ -1,5 +1,6 @@
 // Stage 'sample' of what blends and is not a grid of tiny micropolygons. Opacity is looked up later, once for each fragment.
 #include "cuda/reyes/sample_any.h"
+#include "cuda/reyes/sample_spread.h"
 #include "cuda/reyes/sample_triangles.h"
 
 namespace gpurt::cuda {
@@ -9,6 +10,12 @@ template <Look look>
 __global__ void __launch_bounds__(block_size, 4) fragments_of_rest(const __grid_constant__ ReyesBatch b)
 {
   sample_rest_of<look, false>(b);
+}
+
+template <Look look>
+__global__ void __launch_bounds__(block_size) fragments_of_spread(const __grid_constant__ ReyesBatch b)
+{
+  sample_spread_of<look, false>(b);
 }
 
 template <Look look>
@@ -30,6 +37,8 @@ void launch_fragments_of_rest(const ReyesBatch &batch, Look look, cudaStream_t s
   choose_fragment_kernel(look, [&](auto kind) {
     launch_persistent("REYES stages 'dice' and 'sample', fragments of any micropolygons",
                       fragments_of_rest<kind.value>, uint64_t(batch.leaf_capacity) * 32, stream, batch);
+    launch_persistent("REYES stage 'sample', fragments of micropolygons of some pixels",
+                      fragments_of_spread<kind.value>, uint64_t(batch.spread_capacity) * 32, stream, batch);
   });
 }
 
@@ -43,7 +52,7 @@ void launch_fragments_of_triangles(const ReyesBatch &batch, Look look, cudaStrea
 
 void launch_fragments_of_large(const ReyesBatch &batch, Look look, cudaStream_t stream)
 {
-  launch_count_large_tiles(batch, stream);
+  launch_count_large_parts(batch, stream);
   choose_fragment_kernel(look, [&](auto kind) {
     launch_persistent("REYES stage 'sample', fragments of large triangles", fragments_of_large<kind.value>,
                       uint64_t(1) << 30, stream, batch);

@@ -7,6 +7,7 @@
 #include "cuda/path/render.h"
 #include "cuda/path/wave.h"
 #include "cuda/reyes/blended_samples.h"
+#include "cuda/reyes/lit_points.h"
 #include "cuda/reyes/visible.h"
 #include "error.h"
 #include "memory.h"
@@ -37,7 +38,7 @@ class ReyesRenderer {
         scene_(scene),
         reyes_(reyes),
         memory_(memory),
-        needs_rays_(pass.reyes->no_shadows == 0 || reyes.has_found_light)
+        needs_rays_(pass.reyes->no_shadows == 0 || reyes.has_found_light || pass.reyes->lights_by_rays != 0)
   {}
 
   void run(Lane &lane, const std::atomic<bool> &stop)
@@ -54,6 +55,7 @@ class ReyesRenderer {
     std::vector<UnitGroup> groups;
     std::optional<VisibleSamples> samples;
     std::optional<BlendedSamples> blended;
+    std::optional<LitPoints> points;
     std::optional<WaveMemory> wave;
     DeviceBuffer<std::byte> film;
     uint64_t film_bytes = 0;
@@ -97,6 +99,7 @@ class ReyesRenderer {
     if (reyes_.has_blending)
       work->blended.emplace(memory_, num_samples, std::max(max_fragments >> level, min_fragments),
                             needs_rays_);
+    if (pass_.reyes->lights_by_rays != 0) work->points.emplace(memory_, num_samples);
     const uint32_t wave_paths = std::max(max_wave_paths >> level, min_wave_paths);
     if (needs_rays_)
       work->wave.emplace(memory_, uint32_t(std::min<uint64_t>(num_samples, wave_paths)), pass_.schedule,
@@ -115,12 +118,17 @@ class ReyesRenderer {
 
     const GroupFilm layout(group.num_pixels(), pass_.outputs);
     // Where samples have light of their own every pixel is written.
-    if (pass_.reyes->shading == ReyesShading::Samples)
+    if (!keeps_own_light(*pass_.reyes))
       check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
     const FilmView film = layout.view(work.film.data(), u.x1 - u.x0, u.y1 - u.y0);
     WaveCounters wave_counters;
     if (work.blended) {
       if (!blend(group, work, film, lane, counters.reyes, wave_counters)) return false;
+    } else if (work.points) {
+      if (!work.points->run(scene_, pass_.settings, reyes_.has_found_light, pass_.reyes->no_shadows != 0,
+                            samples, *work.wave, film, pass_.cancelled, lane.stream(), counters.reyes,
+                            wave_counters))
+        return false;
     } else if (!needs_rays_) samples.shade_at_once(pass_.settings, film, lane.stream());
     else if (!shade_with_rays(group, work, film, lane, wave_counters)) return false;
     auto *host = static_cast<std::byte *>(lane.to_host.reserve(work.film_bytes));
@@ -131,7 +139,8 @@ class ReyesRenderer {
     counters = counters_from(wave_counters);
     counters.reyes = found;
     samples.collect(lane.stream(), counters);
-    counters.reyes.working_bytes = samples.bytes() + (work.blended ? work.blended->bytes() : 0);
+    counters.reyes.working_bytes = samples.bytes() + (work.blended ? work.blended->bytes() : 0) +
+                                   (work.points ? work.points->bytes() : 0);
     deliver(pass_, group, layout.view(host, u.x1 - u.x0, u.y1 - u.y0), counters, false);
     return true;
   }
@@ -209,6 +218,15 @@ ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings 
          "schedule.traversal is {}, which schedules dicing, shading and sampling of micropolygons with light "
          "of their "
          "own; use GPURT_REYES_SHADING_MICROPOLYGONS or GPURT_REYES_SHADING_BLOCKS, or leave it AUTO",
+         s.stages == Traversal::Uber ? "GPURT_TRAVERSAL_UBER" : "GPURT_TRAVERSAL_LEAF_LISTS");
+  }
+  if (s.stages != Traversal::Stack && settings.lights_by_rays != 0) {
+    fail(GPURT_ERROR_UNSUPPORTED,
+         "schedule.traversal is {}, which schedules the shading of micropolygons before visibility; here "
+         "their light is "
+         "found after it, for shadows, lamps, an environment, alpha masks, meshes or other outputs: set "
+         "no_shadows, leave "
+         "these out, or leave schedule.traversal AUTO",
          s.stages == Traversal::Uber ? "GPURT_TRAVERSAL_UBER" : "GPURT_TRAVERSAL_LEAF_LISTS");
   }
   return s;

@@ -11,7 +11,7 @@ struct Corners {
 };
 
 static __device__ __noinline__ LargeTriangle large_triangle(const WarpGrid &g, const Corners &corners,
-                                                            uint32_t root, RasterPoint largest)
+                                                            uint32_t root, RasterPoint largest, Vec2f middle)
 {
   LargeTriangle t;
   const uint32_t width = (1u << g.piece.grid_u) + 1;
@@ -23,6 +23,7 @@ static __device__ __noinline__ LargeTriangle large_triangle(const WarpGrid &g, c
     t.places[c] = {parameter(ku), parameter(kv)};
   }
   t.largest = largest;
+  t.middle = middle;
   t.root = root;
   return t;
 }
@@ -75,8 +76,18 @@ __device__ __forceinline__ T of_lane(const T &x, int lane)
   return y;
 }
 
-// Pixels of a box that the lanes of a warp share; what has fewer is a lane's own.
-constexpr int32_t shared_pixels = 10;
+// Pixels of a box that the lanes of a warp share; what has fewer is a lane's own. Where masks bring tiny micropolygons here too,
+// and many lanes have something, it takes more.
+constexpr int32_t least_shared_pixels = 4, shared_pixels = 10;
+constexpr int few_lanes = 16;
+
+__device__ __forceinline__ bool is_tiny(const WarpGrid &g, uint32_t a, uint32_t width)
+{
+  const int32_t x[4] = {g.x[a], g.x[a + 1], g.x[a + width], g.x[a + width + 1]},
+                y[4] = {g.y[a], g.y[a + 1], g.y[a + width], g.y[a + width + 1]};
+  return max(max(x[0], x[1]), max(x[2], x[3])) - min(min(x[0], x[1]), min(x[2], x[3])) <= tiny_extent &&
+         max(max(y[0], y[1]), max(y[2], y[3])) - min(min(y[0], y[1]), min(y[2], y[3])) <= tiny_extent;
+}
 
 // The pixels that cells lie in: how many in a row and in all.
 __device__ __forceinline__ int32_t num_pixels(const SampleGrid &g, const CellRange &c, int32_t &width)
@@ -117,7 +128,8 @@ __device__ __forceinline__ void make_any_quad(const ReyesBatch &b, const WarpGri
         y1 = max(y1, g.y[k]);
       }
     } else {
-      hand_on_large<look, has_masks>(b, large_triangle(g, corners, quad.kept, b.largest[slot]),
+      const Vec2f middle = look == Look::Spots ? kept_middle(b, g, a) : no_middle();
+      hand_on_large<look, has_masks>(b, large_triangle(g, corners, quad.kept, b.largest[slot], middle),
                                      num_fragments);
     }
   }
@@ -134,6 +146,36 @@ __device__ __forceinline__ void make_any_quad(const ReyesBatch &b, const WarpGri
   }
 }
 
+// Leaves micropolygons to warps of their own; false where the list of them is full, or the lane's is not to go there. All
+// lanes of the warp call it.
+template <Look look, bool has_masks>
+__device__ __forceinline__ bool hand_on_spread(const ReyesBatch &b, const WarpGrid &g, const AnyQuad &quad,
+                                               uint32_t slot, bool goes)
+{
+  const uint32_t lanes = __ballot_sync(all_lanes, goes), lane = threadIdx.x % 32;
+  if (lanes == 0) return false;
+  uint32_t at = 0;
+  if (lane == 0) at = atomicAdd(&b.numbers->num_spread, uint32_t(__popc(lanes)));
+  at = __shfl_sync(all_lanes, at, 0) + uint32_t(__popc(lanes & ((1u << lane) - 1)));
+  if (!goes || at >= b.spread_capacity) return false;
+  const uint32_t width = (1u << g.piece.grid_u) + 1;
+  const uint32_t k[4] = {quad.a, quad.a + 1, quad.a + width + 1, quad.a + width};
+  SpreadQuad to{};
+  for (int i = 0; i < 4; ++i) {
+    to.x[i] = g.x[k[i]];
+    to.y[i] = g.y[k[i]];
+    to.z[i] = g.z[k[i]];
+    if constexpr (look == Look::Spots || look == Look::Keep || has_masks)
+      to.places[i] = place_of_vertex(g, k[i]);
+  }
+  to.middle = look == Look::Spots ? kept_middle(b, g, quad.a) : no_middle();
+  to.kept = quad.kept;
+  to.slot = slot;
+  to.has = quad.has;
+  b.spread[at] = to;
+  return true;
+}
+
 // Dices what the batch's grids left, and samples it.
 template <Look look, bool has_masks>
 __device__ __forceinline__ void sample_rest_of(const ReyesBatch &b)
@@ -146,7 +188,8 @@ __device__ __forceinline__ void sample_rest_of(const ReyesBatch &b)
   const uint32_t num_rest = b.numbers->num_rest;
   uint32_t num_fragments = 0;
   for (uint32_t item; (item = next_item(&b.numbers->tickets[3], num_rest)) != num_rest;) {
-    const uint32_t leaf = b.rest[item] / 8, slot = b.leaves[leaf].slot, root = b.roots[slot];
+    const uint32_t leaf = b.rest[item] >> 8, left = b.rest[item] & 0xff;
+    const uint32_t slot = b.leaves[leaf].slot, root = b.roots[slot];
     copy_words(g.piece, b.leaves[leaf].piece, lane);
     copy_words(g.patch, b.patches[slot], lane);
     __syncwarp();
@@ -157,7 +200,8 @@ __device__ __forceinline__ void sample_rest_of(const ReyesBatch &b)
     if constexpr (may_have_light) {
       if (b.has_own_light) shade_grid(b, g, root, lights[threadIdx.x / 32], lane);
     }
-    for (uint32_t first = b.rest[item] % 8 * 32; first < num_quads; first += 32) {
+    for (uint32_t first = 0; first < num_quads; first += 32) {
+      if ((left >> first / 32 & 1) == 0) continue;
       const uint32_t q = first + lane;
       AnyQuad own{};
       own.kept = root;
@@ -167,11 +211,18 @@ __device__ __forceinline__ void sample_rest_of(const ReyesBatch &b)
           if (b.has_own_light) own.kept = ~light_of(b, g, lights[threadIdx.x / 32], q);
         }
         own.a = (q >> g.piece.grid_u) * width + (q & (num_u - 1));
-        make_any_quad<look, has_masks>(b, g, is_in_front, slot, own, num_fragments);
+        // What is tiny was sampled before, but for masks.
+        if (has_masks || !(is_in_front && is_tiny(g, own.a, width)))
+          make_any_quad<look, has_masks>(b, g, is_in_front, slot, own, num_fragments);
       }
       int32_t pixels_x;
-      uint32_t shared = __ballot_sync(
-          all_lanes, own.has != 0 && num_pixels(b.samples, own.cells, pixels_x) >= shared_pixels);
+      const int num_busy = __popc(__ballot_sync(all_lanes, own.has != 0));
+      const bool is_shared =
+          own.has != 0 && num_pixels(b.samples, own.cells, pixels_x) >=
+                              (has_masks && num_busy >= few_lanes ? shared_pixels : least_shared_pixels);
+      const bool is_handed_on = hand_on_spread<look, has_masks>(b, g, own, slot, is_shared);
+      if (is_handed_on) own.has = 0;
+      uint32_t shared = __ballot_sync(all_lanes, is_shared && !is_handed_on);
       // First what lanes have for themselves, then what is so large that they share its pixels, one after another.
       AnyQuad quad = own;
       bool is_there = own.has != 0 && (shared >> lane & 1) == 0;
@@ -183,7 +234,7 @@ __device__ __forceinline__ void sample_rest_of(const ReyesBatch &b)
               const Corners c = quad.corners((quad.has >> i & 1) != 0 ? i : 1 - i, width);
               for (int k = 0; k < 3; ++k) places[k] = place_of_vertex(g, c.at[k]);
             },
-            num_fragments);
+            look == Look::Spots ? kept_middle(b, g, quad.a) : no_middle(), num_fragments);
         if (shared == 0) break;
         if (pixel == 0) quad = of_lane(own, __ffs(int(shared)) - 1);
         const int32_t s = cell_shift(b.samples), n = num_pixels(b.samples, quad.cells, pixels_x);

@@ -22,7 +22,7 @@ __global__ void __launch_bounds__(block_size) leave_all(const __grid_constant__ 
     if (!(look == Look::Spots ? is_wanted<Look::Spots>(b, q.slot, root)
                               : is_wanted<Look::Nearest>(b, q.slot, root)))
       continue;
-    b.rest[atomicAdd(&b.numbers->num_rest, 1u)] = uint32_t(leaf) * 8;
+    b.rest[atomicAdd(&b.numbers->num_rest, 1u)] = uint32_t(leaf) << 8 | 0xff;
     ++num_grids;
     num_micropolygons += 1u << (q.piece.grid_u + q.piece.grid_v);
   }

@@ -2,16 +2,13 @@
 //
 // A lane takes a micropolygon at a time, and the lanes of a warp write their samples together: what a memory transaction
 // carries decides, not how many meet at a sample. Micropolygons are tiny: all numbers of their edges are whole and stay below
-// 2^24 in whatever order they are added, so that fused operations have the bits of `cover`. Grids that have others go on to
+// 2^24 in whatever order they are added, so that fused operations have the bits of `cover`. Others are left to
 // the general kernel.
 #pragma once
 
 #include "cuda/reyes/warp_grid.h"
 
 namespace gpurt::cuda {
-
-// Of a micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 1024 * (1024 + 256) < 2^24.
-constexpr int32_t tiny_extent = 1024;
 
 // A triangle from its vertex a, turned so that its inside is positive: edges a x + b y + c opposite to each corner.
 struct TinyTriangle {
@@ -231,9 +228,12 @@ __device__ __forceinline__ void put_spots(const ReyesBatch &b, const WarpGrid &g
 {
   __syncwarp();
   if (lane < n) {
-    const uint32_t i = first + lane;
-    atomicMin(b.samples.spots + seen.slot[i],
-              static_cast<unsigned long long>(spot_of(g, seen.places, seen.quad[i], seen.x[i], seen.y[i])));
+    const uint32_t i = first + lane, quad = seen.quad[i], num_u = 1u << g.piece.grid_u;
+    const uint64_t spot = b.keeps_middles != 0
+                              ? place_key(middle_of(middles_of(g.piece, b.own.block_bits), quad & (num_u - 1),
+                                                    quad >> g.piece.grid_u))
+                              : spot_of(g, seen.places, quad, seen.x[i], seen.y[i]);
+    atomicMin(b.samples.spots + seen.slot[i], static_cast<unsigned long long>(spot));
   }
   __syncwarp();
 }
@@ -280,7 +280,7 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
   };
   const uint32_t num_u = 1u << g.piece.grid_u, width = num_u + 1,
                  num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);
-  uint32_t num_seen = 0;
+  uint32_t num_seen = 0, left = 0;
   for (uint32_t first = 0; first < num_quads; first += 32) {
     const uint32_t q = first + lane;
     const bool is_quad = q < num_quads;
@@ -292,15 +292,15 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
     const int32_t y0 = min(min(ay, by), min(cy, dy)), y1 = max(max(ay, by), max(cy, dy));
     const bool is_tiny = is_in_front && x1 - x0 <= tiny_extent && y1 - y0 <= tiny_extent;
     if (__any_sync(all_lanes, is_quad && !is_tiny)) {
-      if (lane == 0) b.rest[atomicAdd(&b.numbers->num_rest, 1u)] = leaf * 8 + first / 32;
-      break;
+      left |= 1u << first / 32;
+      if (!__any_sync(all_lanes, is_quad && is_tiny)) continue;
     }
     TinyTriangle s, t;
     const float za = g.z[ia], zc = g.z[ic];
     const float rcx = float(cx - ax), rcy = float(cy - ay);
     const bool has_s = make_tiny_triangle(za, float(bx - ax), float(by - ay), g.z[ib], rcx, rcy, zc, s);
     const bool has_t = make_tiny_triangle(za, rcx, rcy, zc, float(dx - ax), float(dy - ay), g.z[id], t);
-    const bool is_there = is_quad && (has_s || has_t);
+    const bool is_there = is_quad && is_tiny && (has_s || has_t);
     // What samples keep: the root's number or, in its place, light.
     uint32_t kept = root;
     if constexpr (has_light) kept = ~light_of(b, g, *light, is_quad ? q : 0);
@@ -356,6 +356,7 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
     }
   }
   put_last(0, num_seen);
+  if (left != 0 && lane == 0) b.rest[atomicAdd(&b.numbers->num_rest, 1u)] = leaf << 8 | left;
   __syncwarp();
 }
 

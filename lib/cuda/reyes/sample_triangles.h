@@ -5,8 +5,6 @@
 
 namespace gpurt::cuda {
 
-constexpr int32_t tile_pixels = 32;  // of the parts that large triangles are cut to
-
 // Whether a look is for a root of a mesh.
 template <Look look>
 __device__ __forceinline__ bool is_triangle_wanted(const ReyesBatch &b, uint32_t root)
@@ -66,6 +64,7 @@ __device__ __forceinline__ void sample_triangles_of(const ReyesBatch &b)
         for (int c = 0; c < 3; ++c) large.places[c] = places[c];
         large.largest = largest_coordinates(hx, hy, hw, 3);
         large.root = root;
+        large.middle = no_middle();
         hand_on_large<look, has_masks>(b, large, num_fragments);
       }
     }
@@ -76,90 +75,142 @@ __device__ __forceinline__ void sample_triangles_of(const ReyesBatch &b)
           corners[1] = {1.0f, 0.0f};
           corners[2] = {0.0f, 1.0f};
         },
-        num_fragments);
+        no_middle(), num_fragments);
   }
   if (look == Look::Nearest || look == Look::Count) add_of_lanes(&b.numbers->num_fragments, num_fragments);
 }
 
-__device__ inline int32_t cells_a_tile(const SampleGrid &g)
-{
-  return tile_pixels << (unit_bits - g.cell_bits);
-}
+// Rows of pixels that a warp looks at together, and in each of them the pixels that a large triangle may cover.
+struct PixelRows {
+  int32_t x[32];    // the first one
+  int32_t end[32];  // pixels of the rows up to this one
+};
 
-// Whether a tile lies beyond one of the edges, all of whose numbers are whole.
-__device__ inline bool is_beyond_edge(const LargeCover &large, const SampleGrid &g, const CellRange &cells)
+// Fills the rows from y on; how many pixels that are. By all lanes of a warp.
+__device__ __forceinline__ int32_t find_rows(const SampleGrid &g, const LargeCover &large,
+                                             const CellRange &box, int32_t y, PixelRows &rows)
 {
-  if (!large.is_projected) return false;
-  const double x0 = double(g.x0 + (cells.x0 << g.cell_bits)),
-               x1 = double(g.x0 + ((cells.x1 + 1) << g.cell_bits));
-  const double y0 = double(g.y0 + (cells.y0 << g.cell_bits)),
-               y1 = double(g.y0 + ((cells.y1 + 1) << g.cell_bits));
-  for (const EdgeForm &e : large.cover.edge) {
-    const double s = large.cover.sign;
-    if (edge_value(e, x0, y0) * s < 0.0 && edge_value(e, x1, y0) * s < 0.0 &&
-        edge_value(e, x0, y1) * s < 0.0 && edge_value(e, x1, y1) * s < 0.0) {
-      return true;
-    }
+  const int32_t lane = int32_t(threadIdx.x % 32);
+  int32_t x0 = 0, x1 = -1, sum;
+  if (y + lane > box.y1 || !pixels_of_row(g, large, box, y + lane, x0, x1)) x1 = x0 - 1;
+  sum = x1 - x0 + 1;
+  for (int32_t offset = 1; offset < 32; offset *= 2) {
+    const int32_t other = __shfl_up_sync(all_lanes, sum, offset);
+    if (lane >= offset) sum += other;
   }
-  return false;
+  __syncwarp();
+  rows.x[lane] = x0;
+  rows.end[lane] = sum;
+  __syncwarp();
+  return rows.end[31];
 }
 
-// A warp a tile of a large triangle.
+// As for_samples_of_pixels, of pixels [first, last) of rows from y on.
+template <class Visit>
+__device__ __forceinline__ void for_samples_of_rows(const SampleGrid &g, const PixelRows &rows, int32_t y,
+                                                    int32_t first, int32_t last, const Visit &visit)
+{
+  const int32_t lane = int32_t(threadIdx.x % 32), s = cell_shift(g);
+  int32_t row = 0;
+  const auto x_of = [&](int32_t pixel) {
+    while (rows.end[row] <= pixel) ++row;
+    return rows.x[row] + pixel - (row != 0 ? rows.end[row - 1] : 0);
+  };
+  if (g.is_even == 0) {
+    // A lane a pixel.
+    for (int32_t begin = first; begin < last; begin += 32) {
+      const bool is_pixel = begin + lane < last;
+      const int32_t x = is_pixel ? x_of(begin + lane) : 0, at = y + row;
+      SampleWalk walk(g, {x << s, at << s, ((x + 1) << s) - 1, ((at + 1) << s) - 1}, is_pixel);
+      while (__any_sync(all_lanes, walk.is_at_sample())) {
+        const bool is_there = walk.is_at_sample();
+        visit(is_there, walk.slot(), is_there ? walk.x(g) : 0, is_there ? walk.y(g) : 0);
+        walk.advance(g);
+      }
+    }
+    return;
+  }
+  const int32_t n = int32_t(g.samples_per_pixel), row_pixels = g.cells_x >> s;
+  const int32_t step_pixels = 32 / n, step_samples = 32 - step_pixels * n;
+  int32_t pixel = first + lane / n, sample = lane % n;
+  for (;; pixel += step_pixels, sample += step_samples) {
+    if (sample >= n) {
+      sample -= n;
+      ++pixel;
+    }
+    const bool is_there = pixel < last;
+    if (!__any_sync(all_lanes, is_there)) return;
+    uint32_t slot = 0;
+    int32_t x = 0, place = 0;
+    if (is_there) {
+      x = x_of(pixel);
+      const uint32_t k = uint32_t((y + row) * row_pixels + x);
+      slot = k * uint32_t(n) + uint32_t(sample);
+      place = g.masks != nullptr ? g.places[uint64_t(k) * most_masked + uint32_t(sample)] : g.places[slot];
+    }
+    visit(is_there, slot, g.x0 + (x << unit_bits) + (place & 255),
+          g.y0 + ((y + row) << unit_bits) + (place >> 8));
+  }
+}
+
+// How many parts of part_pixels a large triangle has: those of 32 rows each for themselves. By all lanes of a warp.
+__device__ __forceinline__ uint32_t count_parts(const ReyesBatch &b, const LargeTriangle &t, PixelRows &rows)
+{
+  LargeCover large;
+  if (!make_large_cover(b, t, large)) return 0;
+  const CellRange box = pixels_of(b.samples, large.cells);
+  uint32_t num_parts = 0;
+  for (int32_t y = box.y0; y <= box.y1; y += 32) {
+    const uint32_t n = uint32_t(find_rows(b.samples, large, box, y, rows));
+    num_parts += (n + b.part_pixels - 1) / b.part_pixels;
+  }
+  return num_parts;
+}
+
+// A warp a part of a large triangle.
 template <Look look, bool has_masks>
 __device__ __forceinline__ void sample_large_of(const ReyesBatch &b)
 {
+  __shared__ PixelRows rows_of_warps[block_size / 32];
+  PixelRows &rows = rows_of_warps[threadIdx.x / 32];
   const SampleGrid &g = b.samples;
-  const uint32_t n = min(b.numbers->num_large, b.large_capacity), lane = threadIdx.x % 32;
+  const uint32_t n = min(b.numbers->num_large, b.large_capacity);
   if (n == 0) return;
-  const uint32_t num_tiles = b.large_tiles[n - 1];
-  const int32_t tile = cells_a_tile(g);
+  const uint32_t num_parts = b.large_parts[n - 1];
   uint32_t num_fragments = 0;
-  for (uint32_t item; (item = next_item(&b.numbers->tickets[2], num_tiles)) != num_tiles;) {
+  for (uint32_t item; (item = next_item(&b.numbers->tickets[2], num_parts)) != num_parts;) {
     // The first triangle whose sum is beyond the item.
     uint32_t lo = 0, hi = n - 1;
     while (lo < hi) {
       const uint32_t middle = (lo + hi) / 2;
-      if (b.large_tiles[middle] > item) hi = middle;
+      if (b.large_parts[middle] > item) hi = middle;
       else lo = middle + 1;
     }
     const LargeTriangle t = b.large[lo];
     LargeCover large;
-    if (!make_large_cover(b, t, large)) continue;  // never: it has no tiles then
-    const CellRange box = large.cells;
-    const uint32_t index = item - (lo != 0 ? b.large_tiles[lo - 1] : 0);
-    const int32_t tiles_x = box.x1 / tile - box.x0 / tile + 1;
-    const int32_t tile_x = box.x0 / tile + int32_t(index) % tiles_x,
-                  tile_y = box.y0 / tile + int32_t(index) / tiles_x;
-    const CellRange cells{max(box.x0, tile_x * tile), max(box.y0, tile_y * tile),
-                          min(box.x1, tile_x * tile + tile - 1), min(box.y1, tile_y * tile + tile - 1)};
-    if (is_beyond_edge(large, g, cells)) continue;
-    if (!large.is_projected) {
-      const float scale = 1.0f / units_per_pixel;
-      const auto pixel = [&](int32_t units, float centre) { return (float(units) - centre) * scale; };
-      const RasterRect rect{pixel(g.x0 + (cells.x0 << g.cell_bits), b.projection.centre_x) - 1.0f,
-                            pixel(g.y0 + (cells.y0 << g.cell_bits), b.projection.centre_y) - 1.0f,
-                            pixel(g.x0 + ((cells.x1 + 1) << g.cell_bits), b.projection.centre_x) + 1.0f,
-                            pixel(g.y0 + ((cells.y1 + 1) << g.cell_bits), b.projection.centre_y) + 1.0f};
-      const float x[3] = {t.corners[0].x, t.corners[1].x, t.corners[2].x},
-                  y[3] = {t.corners[0].y, t.corners[1].y, t.corners[2].y},
-                  w[3] = {t.corners[0].w, t.corners[1].w, t.corners[2].w};
-      if (!can_be_seen(x, y, w, 3, t.largest, rect)) continue;
-    }
-    // A lane a cell.
-    const int32_t width = cells.x1 - cells.x0 + 1, num_cells = width * (cells.y1 - cells.y0 + 1);
-    for (int32_t first = 0; first < num_cells; first += 32) {
-      const int32_t c = first + int32_t(lane), x = cells.x0 + c % width, y = cells.y0 + c / width;
-      SampleWalk walk(g, {x, y, x, y}, c < num_cells);
-      while (__any_sync(all_lanes, walk.is_at_sample())) {
-        float z = 0.0f;
-        Vec2f at{};
-        bool covers = false, takes = false;
-        if (walk.is_at_sample()) takes = test_large<look, has_masks>(b, t, large, walk, z, at, covers);
-        num_fragments += counts_fragment(look, covers, takes) ? 1 : 0;
-        __syncwarp();
-        if (takes) put<look>(b, walk.slot(), t.root, z, at);
-        walk.advance(g);
+    if (!make_large_cover(b, t, large)) continue;  // never: it has no parts then
+    const CellRange box = pixels_of(g, large.cells);
+    uint32_t index = item - (lo != 0 ? b.large_parts[lo - 1] : 0);
+    for (int32_t y = box.y0; y <= box.y1; y += 32) {
+      const uint32_t num_pixels = uint32_t(find_rows(g, large, box, y, rows));
+      const uint32_t of_rows = (num_pixels + b.part_pixels - 1) / b.part_pixels;
+      if (index >= of_rows) {
+        index -= of_rows;
+        continue;
       }
+      const uint32_t first = index * b.part_pixels;
+      for_samples_of_rows(g, rows, y, int32_t(first), int32_t(min(first + b.part_pixels, num_pixels)),
+                          [&](bool is_there, uint32_t slot, int32_t px, int32_t py) {
+                            float z = 0.0f;
+                            Vec2f at{};
+                            bool covers = false, takes = false;
+                            if (is_there)
+                              takes = test_large<look, has_masks>(b, t, large, slot, px, py, z, at, covers);
+                            num_fragments += counts_fragment(look, covers, takes) ? 1 : 0;
+                            __syncwarp();
+                            if (takes) put<look>(b, slot, t.root, z, kept_place<look>(at, t.middle));
+                          });
+      break;
     }
   }
   if (look == Look::Nearest || look == Look::Count) add_of_lanes(&b.numbers->num_fragments, num_fragments);

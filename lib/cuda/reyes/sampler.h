@@ -89,6 +89,16 @@ __device__ __forceinline__ void keep_fragment(const ReyesBatch &b, uint32_t slot
   *reinterpret_cast<float4 *>(f.kept + at) = make_float4(kept.z, float_from_bits(kept.root), kept.u, kept.v);
 }
 
+// What stands for the middle of a surface that is no micropolygon.
+__device__ __forceinline__ Vec2f no_middle() { return {-1.0f, -1.0f}; }
+
+// What a sample keeps of where on its root it is.
+template <Look look>
+__device__ __forceinline__ Vec2f kept_place(Vec2f at, Vec2f middle)
+{
+  return look == Look::Spots && middle.x >= 0.0f ? middle : at;
+}
+
 template <Look look>
 __device__ __forceinline__ void put(const ReyesBatch &b, uint32_t slot, uint32_t root, float z, Vec2f at)
 {
@@ -157,47 +167,105 @@ class SampleWalk {
   uint32_t k_ = 0, end_ = 0;
 };
 
+// A sample at (x, y) from the triangles' origin; the lanes of a warp have one each, or none, and write together.
+template <Look look, bool has_masks, int num, class Places>
+__device__ __forceinline__ void sample_one(const ReyesBatch &b, uint32_t root, bool is_at_sample,
+                                           uint32_t slot, float x, float y, const SmallTriangle (&t)[num],
+                                           const Places &places, Vec2f middle, uint32_t &num_fragments)
+{
+  float z[num], share_b[num], share_c[num];
+  float nearest = 0.0f;
+  if (is_at_sample) {
+    for (int i = 0; i < num; ++i) {
+      z[i] = cover(t[i], x, y, share_b[i], share_c[i]);
+      nearest = z[i] > nearest ? z[i] : nearest;
+    }
+  }
+  if constexpr (look == Look::Nearest) num_fragments += nearest > 0.0f ? 1 : 0;
+  if constexpr (look == Look::Nearest && !has_masks) {
+    __syncwarp();
+    if (nearest > 0.0f) put<look>(b, slot, root, nearest, {});
+  } else if (__any_sync(all_lanes, nearest > 0.0f)) {
+    for (int i = 0; i < num; ++i) {
+      Vec2f at{};
+      const bool takes = nearest > 0.0f && z[i] > 0.0f &&
+                         is_taken<look, has_masks>(
+                             b, slot, root, z[i],
+                             [&] {
+                               Vec2f corners[3];
+                               places(i, corners);
+                               return cover_uv(t[i], corners, z[i], share_b[i], share_c[i]);
+                             },
+                             at);
+      if constexpr (look == Look::Count) num_fragments += takes ? 1 : 0;
+      __syncwarp();
+      if (takes) put<look>(b, slot, root, z[i], kept_place<look>(at, middle));
+    }
+  }
+}
+
 // One or two small triangles a lane, from an origin in raster units; `places(i, corners)` are the (u, v) of their corners.
 // The lanes of a warp look at a sample each at a time, so that they write together.
 template <Look look, bool has_masks, int num, class Places>
 __device__ void sample_small(const ReyesBatch &b, uint32_t root, bool is_there, const CellRange &cells,
                              int32_t origin_x, int32_t origin_y, const SmallTriangle (&t)[num],
-                             const Places &places, uint32_t &num_fragments)
+                             const Places &places, Vec2f middle, uint32_t &num_fragments)
 {
   const SampleGrid &g = b.samples;
   SampleWalk walk(g, cells, is_there);
   while (__any_sync(all_lanes, walk.is_at_sample())) {
-    float z[num], share_b[num], share_c[num];
-    float nearest = 0.0f;
-    if (walk.is_at_sample()) {
-      const float x = float(walk.x(g) - origin_x), y = float(walk.y(g) - origin_y);
-      for (int i = 0; i < num; ++i) {
-        z[i] = cover(t[i], x, y, share_b[i], share_c[i]);
-        nearest = z[i] > nearest ? z[i] : nearest;
-      }
-    }
-    if constexpr (look == Look::Nearest) num_fragments += nearest > 0.0f ? 1 : 0;
-    if constexpr (look == Look::Nearest && !has_masks) {
-      __syncwarp();
-      if (nearest > 0.0f) put<look>(b, walk.slot(), root, nearest, {});
-    } else if (__any_sync(all_lanes, nearest > 0.0f)) {
-      for (int i = 0; i < num; ++i) {
-        Vec2f at{};
-        const bool takes = nearest > 0.0f && z[i] > 0.0f &&
-                           is_taken<look, has_masks>(
-                               b, walk.slot(), root, z[i],
-                               [&] {
-                                 Vec2f corners[3];
-                                 places(i, corners);
-                                 return cover_uv(t[i], corners, z[i], share_b[i], share_c[i]);
-                               },
-                               at);
-        if constexpr (look == Look::Count) num_fragments += takes ? 1 : 0;
-        __syncwarp();
-        if (takes) put<look>(b, walk.slot(), root, z[i], at);
-      }
-    }
+    const bool is_at_sample = walk.is_at_sample();
+    sample_one<look, has_masks>(
+        b, root, is_at_sample, walk.slot(), is_at_sample ? float(walk.x(g) - origin_x) : 0.0f,
+        is_at_sample ? float(walk.y(g) - origin_y) : 0.0f, t, places, middle, num_fragments);
     walk.advance(g);
+  }
+}
+
+// Calls visit(is_there, slot, x, y) by all lanes of a warp together until each sample of the pixels was some lane's: at (x, y)
+// in raster units of the image.
+template <class Visit>
+__device__ __forceinline__ void for_samples_of_pixels(const SampleGrid &g, const CellRange &pixels,
+                                                      const Visit &visit)
+{
+  const int32_t lane = int32_t(threadIdx.x % 32), width = pixels.x1 - pixels.x0 + 1, s = cell_shift(g);
+  if (g.is_even == 0) {
+    // A lane a pixel.
+    const int32_t n = width * (pixels.y1 - pixels.y0 + 1);
+    for (int32_t first = 0; first < n; first += 32) {
+      const int32_t i = first + lane, row = i / width;
+      const int32_t x = pixels.x0 + (i - row * width), y = pixels.y0 + row;
+      SampleWalk walk(g, {x << s, y << s, ((x + 1) << s) - 1, ((y + 1) << s) - 1}, i < n);
+      while (__any_sync(all_lanes, walk.is_at_sample())) {
+        const bool is_there = walk.is_at_sample();
+        visit(is_there, walk.slot(), is_there ? walk.x(g) : 0, is_there ? walk.y(g) : 0);
+        walk.advance(g);
+      }
+    }
+    return;
+  }
+  // A lane a sample, row by row: what lanes read and write lies side by side.
+  const int32_t n = int32_t(g.samples_per_pixel), row_pixels = g.cells_x >> s;
+  const int32_t step_pixels = 32 / n, step_samples = 32 - step_pixels * n;
+  int32_t y = pixels.y0, x = pixels.x0 + lane / n, sample = lane % n;
+  for (;; x += step_pixels, sample += step_samples) {
+    if (sample >= n) {
+      sample -= n;
+      ++x;
+    }
+    while (x > pixels.x1) {
+      x -= width;
+      ++y;
+    }
+    const bool is_there = y <= pixels.y1;
+    if (!__any_sync(all_lanes, is_there)) return;
+    const uint32_t pixel = uint32_t(y * row_pixels + x), slot = pixel * uint32_t(n) + uint32_t(sample);
+    uint32_t place = 0;
+    if (is_there)
+      place =
+          g.masks != nullptr ? g.places[uint64_t(pixel) * most_masked + uint32_t(sample)] : g.places[slot];
+    visit(is_there, slot, g.x0 + (x << unit_bits) + int32_t(place & 255),
+          g.y0 + (y << unit_bits) + int32_t(place >> 8));
   }
 }
 
@@ -231,18 +299,37 @@ __device__ inline bool make_large_cover(const ReyesBatch &b, const LargeTriangle
   return make_any_cover(corners, b.projection, out.cover);
 }
 
-// A sample of the walk's; whether the triangle covers it.
+// The pixels that cells lie in.
+__device__ __forceinline__ CellRange pixels_of(const SampleGrid &g, const CellRange &cells)
+{
+  const int32_t s = cell_shift(g);
+  return {cells.x0 >> s, cells.y0 >> s, cells.x1 >> s, cells.y1 >> s};
+}
+
+// The pixels [x0, x1] of row y of a box that a triangle may cover; false: none.
+__device__ inline bool pixels_of_row(const SampleGrid &g, const LargeCover &large, const CellRange &box,
+                                     int32_t y, int32_t &x0, int32_t &x1)
+{
+  constexpr double units = double(units_per_pixel);
+  const double left = double(g.x0), top = double(g.y0) + double(y) * units;
+  double begin = left + double(box.x0) * units, end = left + double(box.x1 + 1) * units;
+  if (!narrow_row(large.cover, top, top + units, begin, end)) return false;
+  x1 = min(int32_t((end - left) / units), box.x1);
+  x0 = min(int32_t((begin - left) / units), x1);
+  return true;
+}
+
+// A sample at (x, y) in raster units of the image; whether it takes the triangle, and whether this covers it.
 template <Look look, bool has_masks>
 __device__ bool test_large(const ReyesBatch &b, const LargeTriangle &t, const LargeCover &large,
-                           const SampleWalk &walk, float &z, Vec2f &at, bool &covers)
+                           uint32_t slot, int32_t x, int32_t y, float &z, Vec2f &at, bool &covers)
 {
   float share_b, share_c;
-  const SampleGrid &g = b.samples;
-  z = cover_any(large.cover, double(walk.x(g)), double(walk.y(g)), share_b, share_c);
+  z = cover_any(large.cover, double(x), double(y), share_b, share_c);
   covers = z > 0.0f;
   return covers &&
          is_taken<look, has_masks>(
-             b, walk.slot(), t.root, z,
+             b, slot, t.root, z,
              [&] {
                return cover_uv(large.corners[0], large.corners[1], large.corners[2], z, share_b, share_c);
              },
@@ -262,13 +349,22 @@ __device__ __noinline__ void hand_on_large(const ReyesBatch &b, const LargeTrian
   }
   LargeCover large;
   if (!make_large_cover(b, t, large)) return;
-  for (SampleWalk walk(b.samples, large.cells, true); walk.is_at_sample(); walk.advance(b.samples)) {
-    float z;
-    Vec2f place{};
-    bool covers;
-    const bool takes = test_large<look, has_masks>(b, t, large, walk, z, place, covers);
-    if (takes) put<look>(b, walk.slot(), t.root, z, place);
-    num_fragments += counts_fragment(look, covers, takes) ? 1 : 0;
+  const SampleGrid &g = b.samples;
+  const CellRange box = pixels_of(g, large.cells);
+  const int32_t s = cell_shift(g);
+  for (int32_t y = box.y0; y <= box.y1; ++y) {
+    int32_t x0, x1;
+    if (!pixels_of_row(g, large, box, y, x0, x1)) continue;
+    SampleWalk walk(g, {x0 << s, y << s, ((x1 + 1) << s) - 1, ((y + 1) << s) - 1}, true);
+    for (; walk.is_at_sample(); walk.advance(g)) {
+      float z;
+      Vec2f place{};
+      bool covers;
+      const bool takes =
+          test_large<look, has_masks>(b, t, large, walk.slot(), walk.x(g), walk.y(g), z, place, covers);
+      if (takes) put<look>(b, walk.slot(), t.root, z, kept_place<look>(place, t.middle));
+      num_fragments += counts_fragment(look, covers, takes) ? 1 : 0;
+    }
   }
 }
 

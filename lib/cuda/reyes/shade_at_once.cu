@@ -3,6 +3,7 @@
 #include "core/reyes/map.h"
 #include "cuda/launch.h"
 #include "cuda/reyes/stages.h"
+#include "cuda/reyes/sums.h"
 
 namespace gpurt::cuda {
 namespace {
@@ -14,15 +15,6 @@ struct UnshadowedLight {
   __device__ void shadow(const Ray &, Vec3f contribution, uint32_t) const { *light = contribution; }
   __device__ void next(const Ray &) const {}
 };
-
-// Of the lanes of a warp, into the bits of the largest of all.
-__device__ void keep_largest(float largest, uint32_t *largest_bits)
-{
-  for (int offset = 16; offset != 0; offset /= 2)
-    largest = max(largest, __shfl_down_sync(0xffffffffu, largest, offset));
-  if (threadIdx.x % 32 == 0 && float_bits(largest) > *largest_bits)
-    atomicMax(largest_bits, float_bits(largest));
-}
 
 // A thread a pixel of the group.
 template <bool MayAbsorb>

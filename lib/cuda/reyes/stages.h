@@ -5,6 +5,7 @@
 
 #include "core/path/path_wave.h"
 #include "core/reyes/filter.h"
+#include "core/reyes/lit_point.h"
 #include "core/reyes/sample.h"
 #include "core/reyes/shade.h"
 
@@ -27,6 +28,7 @@ struct SampleGrid {
   int32_t cell_bits;  // log2 of a cell's edge in raster units
   uint32_t num_samples;
   uint32_t samples_per_pixel;
+  uint32_t is_even;  // 1: every pixel has so many, which follow those of the pixel before
 };
 
 /// Samples of a pixel that a mask has bits for.
@@ -53,7 +55,19 @@ struct LargeTriangle {
   RasterPoint corners[3];
   Vec2f places[3];  // (u, v) of its root
   RasterPoint largest;
+  Vec2f middle;  // as SpreadQuad's
   uint32_t root;
+};
+
+/// A micropolygon that takes a lane of its own long, with small triangles a b c and a c d.
+struct SpreadQuad {
+  int32_t x[4], y[4];  // raster units
+  float z[4];
+  Vec2f places[4];  // (u, v) on its root, for looks that ask for them
+  Vec2f middle;     // what samples keep in place of where on it they are; x below 0: nothing
+  uint32_t kept;    // what samples keep: the root's number or, in its place, light
+  uint32_t slot;    // of its root
+  uint32_t has;     // a bit a triangle
 };
 
 /// A look at the micropolygons is for what is nearest, for where on it samples lie, for what is nearest with its light, or,
@@ -91,7 +105,8 @@ struct ReyesNumbers {
   uint32_t num_leaves;  // that are to be diced
   uint32_t num_large;
   uint32_t num_rest;    // grids that are left to the general kernel
-  uint32_t tickets[4];  // of grids, triangles, large triangles, the rest of grids
+  uint32_t num_spread;  // micropolygons that this leaves to warps
+  uint32_t tickets[5];  // of grids, triangles, large triangles, the rest of grids, spread micropolygons
   uint32_t pushed[3];   // of three rounds of cutting
   // Of queues of blocks: the queue of all, what blocks left behind it, blocks that wait, pieces anywhere; 1: leaves are full.
   uint32_t queue_head, queue_tail, left_at, num_left, idle_blocks, live_pieces, stops;
@@ -117,6 +132,7 @@ struct ReyesBatch {
   SampleGrid samples;
   OwnLight own;             // of micropolygons
   uint32_t has_own_light;   // 1: samples keep it in place of roots
+  uint32_t keeps_middles;   // 1: of micropolygons, in place of where samples lie on their roots
   uint32_t has_cutouts;     // 1: some root that does not blend has holes
   const uint32_t *visible;  // a bit a root; null: all roots may be seen
   RasterPatch *patches;     // [slots]
@@ -130,10 +146,14 @@ struct ReyesBatch {
   uint32_t stack_capacity;
   QueuedPiece *leaves;
   uint32_t leaf_capacity;
-  uint32_t *rest;  // of grids whose micropolygons are not all tiny: leaf * 8 + the first 32 that are left
+  uint32_t *
+      rest;  // grids whose micropolygons are not all tiny: leaf * 256 and a bit for each 32 of which some are not
   LargeTriangle *large;
-  uint32_t *large_tiles;  // sums of the tiles of large triangles
+  uint32_t *large_parts;  // sums of the parts of large triangles
   uint32_t large_capacity;
+  uint32_t part_pixels;  // of a part at most
+  SpreadQuad *spread;
+  uint32_t spread_capacity;
   ReyesNumbers *numbers;
 };
 
@@ -178,6 +198,7 @@ uint64_t launch_staged_grids(const ReyesBatch &batch, uint32_t num_leaves, Diced
 uint64_t diced_grid_bytes();
 void launch_uber_grids(const ReyesBatch &batch, cudaStream_t stream);
 
+/// What sample_grids leaves, and the micropolygons that this leaves in turn.
 void launch_sample_rest(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_sample_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_sample_large(const ReyesBatch &batch, Look look, cudaStream_t stream);
@@ -187,7 +208,7 @@ void launch_fragments_of_grids(const ReyesBatch &batch, Look look, cudaStream_t 
 void launch_fragments_of_rest(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_fragments_of_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_fragments_of_large(const ReyesBatch &batch, Look look, cudaStream_t stream);
-void launch_count_large_tiles(const ReyesBatch &batch, cudaStream_t stream);
+void launch_count_large_parts(const ReyesBatch &batch, cudaStream_t stream);
 
 /// Sets the bits of the roots that samples see.
 void launch_mark_visible(const SampleGrid &grid, uint32_t *visible, cudaStream_t stream);

@@ -29,13 +29,14 @@ ReyesListSizes ReyesListSizes::at_level(unsigned level, uint64_t num_roots, bool
   const auto room = [&](unsigned bits, uint32_t least) {
     return std::max(level < bits ? uint32_t(1) << (bits - level) : 1u, least);
   };
-  ReyesListSizes s{room(17, 256), room(19, 1024), room(20, 1024), room(has_flat_regions ? 18 : 16, 256)};
+  ReyesListSizes s{room(17, 256), room(19, 1024), room(20, 1024), room(has_flat_regions ? 20 : 16, 256),
+                   room(has_flat_regions ? 19 : 17, 256)};
   s.roots = uint32_t(std::clamp<uint64_t>(num_roots, 1, s.roots));
   return s;
 }
 
 struct VisibleSamples::Arrays {
-  uint32_t *ready, *first, *slots, *counts, *visible, *roots, *triangles, *rest, *large_tiles;
+  uint32_t *ready, *first, *slots, *counts, *visible, *roots, *triangles, *rest, *large_parts;
   uint16_t *at, *masks;
   unsigned long long *keys, *spots;
   std::byte *scan_memory, *staged;
@@ -45,6 +46,7 @@ struct VisibleSamples::Arrays {
   uint8_t *blends;
   QueuedPiece *stack, *leaves;
   LargeTriangle *large;
+  SpreadQuad *spread;
   ReyesNumbers *numbers;
   uint64_t bytes;
 };
@@ -62,7 +64,7 @@ VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListS
   a.masks = layout.take<uint16_t>(has_masks ? num_cells * most_masked : 0);
   a.slots = layout.take<uint32_t>(has_masks ? 0 : num_samples);
   a.keys = layout.take<unsigned long long>(num_samples);
-  a.spots = layout.take<unsigned long long>(settings.shading == ReyesShading::Samples ? num_samples : 0);
+  a.spots = layout.take<unsigned long long>(keeps_own_light(settings) ? 0 : num_samples);
   a.counts = layout.take<uint32_t>(has_filter ? num_cells : 0);
   a.scan_bytes = has_filter ? place_scan_bytes(uint32_t(num_cells)) : 0;
   a.scan_memory = layout.take<std::byte>(a.scan_bytes);
@@ -76,7 +78,8 @@ VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListS
   a.leaves = layout.take<QueuedPiece>(sizes.leaves);
   a.rest = layout.take<uint32_t>(sizes.leaves);
   a.large = layout.take<LargeTriangle>(sizes.large);
-  a.large_tiles = layout.take<uint32_t>(sizes.large);
+  a.large_parts = layout.take<uint32_t>(sizes.large);
+  a.spread = layout.take<SpreadQuad>(sizes.spread);
   a.ready = layout.take<uint32_t>(schedule.split == Launch::Persistent ? sizes.stack : 0);
   a.staged = layout.take<std::byte>(
       schedule.stages == Traversal::LeafLists ? staged_grids(sizes) * diced_grid_bytes() : 0);
@@ -93,7 +96,7 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
       settings_(settings),
       schedule_(schedule),
       has_masks_(has_masks),
-      has_own_light_(settings.shading != ReyesShading::Samples),
+      has_own_light_(keeps_own_light(settings)),
       sizes_(sizes),
       num_cells_(num_cells),
       buffer_(memory,
@@ -122,6 +125,7 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
   visible_ = a.visible;
   batch_.scene = scene.view;
   batch_.has_own_light = has_own_light_ ? 1 : 0;
+  batch_.keeps_middles = settings.lights_by_rays;
   batch_.has_cutouts = scene.has_cutouts ? 1 : 0;
   batch_.blends = has_blending_ ? a.blends : nullptr;
   batch_.samples.masks = masks_;
@@ -139,8 +143,10 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
   batch_.leaf_capacity = sizes.leaves;
   batch_.rest = a.rest;
   batch_.large = a.large;
-  batch_.large_tiles = a.large_tiles;
+  batch_.large_parts = a.large_parts;
   batch_.large_capacity = sizes.large;
+  batch_.spread = a.spread;
+  batch_.spread_capacity = sizes.spread;
   batch_.numbers = a.numbers;
   if (has_filter) make_filter_table(settings.filter, places_.table);
   pinned_.reserve(sizeof(ReyesNumbers));
@@ -187,6 +193,12 @@ void VisibleSamples::place(const WorkUnit &group, const PathSettings &settings, 
   g.y0 = y0 * (1 << unit_bits);
   g.cell_bits = has_masks_ ? unit_bits : cell_bits_for(group.num_samples);
   g.samples_per_pixel = uint32_t(group.num_samples);
+  g.is_even = settings_.filter == ReyesFilter::Box ? 1 : 0;
+  // The parts of all large triangles together are counted in 32 bits.
+  const uint64_t num_pixels = uint64_t(width) * uint64_t(height);
+  batch_.part_pixels = 256;
+  while ((num_pixels / batch_.part_pixels + uint64_t(height) / 32 + 2) * sizes_.large >> 32 != 0)
+    batch_.part_pixels *= 2;
   g.cells_x = width << (unit_bits - g.cell_bits);
   g.cells_y = height << (unit_bits - g.cell_bits);
   g.num_samples = uint32_t(uint64_t(group.x1 - group.x0) * (group.y1 - group.y0) * group.num_samples);

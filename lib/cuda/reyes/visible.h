@@ -18,11 +18,18 @@ struct ReyesListSizes {
   uint32_t stack;   // pieces that wait to be cut
   uint32_t leaves;  // pieces that wait to be diced
   uint32_t large;   // triangles that a lane of its own would take long for
+  uint32_t spread;  // micropolygons of which that is so
 
   /// Level 0 is the largest; each further one has half of the last one's room. Where flat regions are diced coarser, more
   /// triangles are large.
   static ReyesListSizes at_level(unsigned level, uint64_t num_roots, bool has_flat_regions);
 };
+
+/// Whether samples keep light in place of what they see.
+inline bool keeps_own_light(const ReyesSettings &settings)
+{
+  return settings.shading != ReyesShading::Samples && settings.lights_by_rays == 0;
+}
 
 /// Memory of a lane for groups of samples, and the stages from 'transform' to 'sample' that run in it.
 class VisibleSamples {

@@ -15,6 +15,9 @@ struct WarpGrid {
 };
 constexpr int32_t not_projectable = INT32_MIN;
 
+// Of a tiny micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 1024 * (1024 + 256) < 2^24.
+constexpr int32_t tiny_extent = 1024;
+
 // Copies by words: T consists of them.
 template <class T>
 __device__ inline void copy_words(T &to, const T &from, uint32_t lane)
@@ -110,6 +113,14 @@ __device__ __forceinline__ uint32_t light_of(const ReyesBatch &b, const WarpGrid
                  bits_v = shaded_bits(g.piece.grid_v, b.own.block_bits);
   const uint32_t i = q & ((1u << g.piece.grid_u) - 1), j = q >> g.piece.grid_u;
   return light.packed[(j >> (g.piece.grid_v - bits_v)) << bits_u | i >> (g.piece.grid_u - bits_u)];
+}
+
+// What samples keep in place of where on the micropolygon they lie whose first vertex is k, if anything.
+__device__ inline Vec2f kept_middle(const ReyesBatch &b, const WarpGrid &g, uint32_t k)
+{
+  if (b.keeps_middles == 0) return no_middle();
+  const uint32_t width = (1u << g.piece.grid_u) + 1, j = k / width;
+  return middle_of(middles_of(g.piece, b.own.block_bits), k - j * width, j);
 }
 
 // The parameters of vertex k of a grid.
