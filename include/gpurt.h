@@ -1249,7 +1249,7 @@ typedef enum gpurt_reyes_shading {
 /* Settings of GPURT_PIPELINE_REYES; other pipelines want them zero. Where a frame has samples, zero means what they were
    made with: settings cannot differ within a frame. */
 typedef struct gpurt_reyes_settings {
-  float shading_rate; /* area of a micropolygon in pixels; 0: 0.25. In [2^-8, 2^8] */
+  float shading_rate; /* area of a micropolygon in pixels; 0: 0.25, of GAUSSIAN 0.375. In [2^-8, 2^8] */
   gpurt_reyes_filter filter;
   gpurt_reyes_shading shading;
   uint32_t no_shadows; /* 1: nothing stands between a surface and a light */

@@ -12,8 +12,9 @@ namespace {
 void fill_shadowed(gpurt_scene scene, bool has_more)
 {
   const std::vector<PatchNet> nets = closed_patches(3, 0.3, 5);
-  add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.5f, 0.1f}, {0, 0, 0}, 0.4f),
-              {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {0.5f, 0, 0, 1.2f, 0, -0.5f, 0, 0.4f, 0, 0, 0.5f, 0.6f}});
+  add_patches(
+      scene, nets, add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.5f, 0.1f}, {0, 0, 0}, 0.4f),
+      {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {0.5f, 0, 0, 1.2f, 0, -0.5f, 0, 0.4f, 0, 0, 0.5f, 0.6f}});
   add_patches(scene, {flat_patch({-50, -1.1f, -50}, {100, 0, 0}, {0, 0, 100})},
               add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.5f, 0.9f}));
   for (const gpurt_light_type type : {GPURT_LIGHT_POINT, GPURT_LIGHT_SPOT, GPURT_LIGHT_DISTANT}) {
@@ -61,12 +62,10 @@ ReyesPicture picture(uint32_t spp, gpurt_reyes_shading shading, float rate = 0,
 
 std::vector<ReyesPicture> pictures()
 {
-  std::vector<ReyesPicture> list = {picture(9, GPURT_REYES_SHADING_MICROPOLYGONS),
-                                    picture(9, GPURT_REYES_SHADING_BLOCKS),
-                                    picture(5, GPURT_REYES_SHADING_MICROPOLYGONS, 1.0f,
-                                            GPURT_REYES_FILTER_MITCHELL),
-                                    picture(40, GPURT_REYES_SHADING_BLOCKS, 4.0f),
-                                    picture(2, GPURT_REYES_SHADING_MICROPOLYGONS, 60.0f)};
+  std::vector<ReyesPicture> list = {
+      picture(9, GPURT_REYES_SHADING_MICROPOLYGONS), picture(9, GPURT_REYES_SHADING_BLOCKS),
+      picture(5, GPURT_REYES_SHADING_MICROPOLYGONS, 1.0f, GPURT_REYES_FILTER_MITCHELL),
+      picture(40, GPURT_REYES_SHADING_BLOCKS, 4.0f), picture(2, GPURT_REYES_SHADING_MICROPOLYGONS, 60.0f)};
   list.push_back(list[0]);
   list.back().options.reyes.flatness = 0.9f;
   list.push_back(list[1]);

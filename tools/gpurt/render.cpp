@@ -262,7 +262,7 @@ void add_render_command(CLI::App &program)
       ->capture_default_str();
   command
       ->add_option("--shading-rate", o->shading_rate,
-                   "reyes: area of a micropolygon in pixels (default 0.25)")
+                   "reyes: area of a micropolygon in pixels (default 0.25, of --filter gaussian 0.375)")
       ->check(CLI::Range(0.00390625, 256.0))
       ->type_name("A");
   command->add_option("--filter", o->filter, "reyes: box, gaussian or mitchell")

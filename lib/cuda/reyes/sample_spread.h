@@ -40,19 +40,18 @@ __device__ __forceinline__ void sample_spread_of(const ReyesBatch &b)
       if (q.has == 1) t[1].threshold_a = infinity;
       if (q.has == 2) t[0].threshold_a = infinity;
     }
-    for_samples_of_pixels(
-        g, {cells.x0 >> s, cells.y0 >> s, cells.x1 >> s, cells.y1 >> s},
-        [&](bool is_there, uint32_t slot, int32_t x, int32_t y) {
-          sample_one<look, has_masks>(
-              b, q.kept, is_there, slot, float(x - ox), float(y - oy), t,
-              [&](int i, Vec2f(&corners)[3]) {
-                const bool is_second = (q.has >> i & 1) != 0 ? i == 1 : i == 0;
-                corners[0] = q.places[0];
-                corners[1] = is_second ? q.places[2] : q.places[1];
-                corners[2] = is_second ? q.places[3] : q.places[2];
-              },
-              q.middle, num_fragments);
-        });
+    for_samples_of_pixels(g, {cells.x0 >> s, cells.y0 >> s, cells.x1 >> s, cells.y1 >> s},
+                          [&](bool is_there, uint32_t slot, int32_t x, int32_t y) {
+                            sample_one<look, has_masks>(
+                                b, q.kept, is_there, slot, float(x - ox), float(y - oy), t,
+                                [&](int i, Vec2f(&corners)[3]) {
+                                  const bool is_second = (q.has >> i & 1) != 0 ? i == 1 : i == 0;
+                                  corners[0] = q.places[0];
+                                  corners[1] = is_second ? q.places[2] : q.places[1];
+                                  corners[2] = is_second ? q.places[3] : q.places[2];
+                                },
+                                q.middle, num_fragments);
+                          });
   }
   if (look == Look::Nearest || look == Look::Count) add_of_lanes(&b.numbers->num_fragments, num_fragments);
 }

@@ -134,9 +134,9 @@ __global__ void __launch_bounds__(block_size)
         light = environment_radiance(v.eye.scene.scene, e.ray.direction);
       light *= e.weight;
       if (has_features) {
-        EyeFeatures{v.eye.scene.scene, v.eye.settings, film}(
-            e.at.sample, e.at.local, e.ray, opaque_hit(v.eye, e),
-            [](int64_t &sum, int64_t term) { sum += term; });
+        EyeFeatures{v.eye.scene.scene, v.eye.settings, film}(e.at.sample, e.at.local, e.ray,
+                                                             opaque_hit(v.eye, e),
+                                                             [](int64_t &sum, int64_t term) { sum += term; });
       }
       add_sample(sums, e.at.sample, light, covered);
       const float component = max_component(light);

@@ -7,15 +7,15 @@ namespace gpurt::cuda {
 
 /// Points of a group, in device memory. A sample is called by the number of its path.
 struct PointView {
-  EyeHits eye;         // eye.unit is the whole group
-  uint32_t is_sampled; // 1: light is found by paths
+  EyeHits eye;          // eye.unit is the whole group
+  uint32_t is_sampled;  // 1: light is found by paths
   uint32_t num_samples;
-  uint32_t *table;     // of samples that stand for points, by hashes of these; invalid_id: nothing
-  uint32_t table_mask; // a power of two less 1, above the number of samples
-  uint32_t *point_of;  // [samples]: the one that stands for what it sees; invalid_id: it sees nothing
-  uint32_t *points;    // those that stand for points
+  uint32_t *table;      // of samples that stand for points, by hashes of these; invalid_id: nothing
+  uint32_t table_mask;  // a power of two less 1, above the number of samples
+  uint32_t *point_of;   // [samples]: the one that stands for what it sees; invalid_id: it sees nothing
+  uint32_t *points;     // those that stand for points
   uint32_t *num_points;
-  Vec3f *light;        // [samples], of those
+  Vec3f *light;  // [samples], of those
 };
 
 /// Finds the points that samples see; the table is empty and num_points 0 before.

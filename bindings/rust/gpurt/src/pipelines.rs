@@ -114,7 +114,7 @@ filled_struct! {
 /// were made with.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReyesSettings {
-    /// Area of a micropolygon in pixels; 0: 0.25.
+    /// Area of a micropolygon in pixels; 0: 0.25, of [`ReyesFilter::Gaussian`] 0.375.
     pub shading_rate: f32,
     /// How samples become pixels.
     pub filter: ReyesFilter,

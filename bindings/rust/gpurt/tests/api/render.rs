@@ -83,7 +83,7 @@ fn settings_of_reyes_are_taken_and_resolved() {
     frame.render(&RenderDesc::new().pipeline(Pipeline::Reyes).reyes(reyes).samples(4)).unwrap();
     let statistics = frame.statistics().unwrap();
     let resolved = statistics.reyes.unwrap();
-    assert_eq!((resolved.shading_rate, resolved.filter), (0.25, ReyesFilter::Gaussian));
+    assert_eq!((resolved.shading_rate, resolved.filter), (0.375, ReyesFilter::Gaussian));
     assert!(resolved.no_shadows && resolved.shading == gpurt::ReyesShading::Samples);
     assert!(statistics.reyes_counters.num_triangles > 0);
     assert_eq!((statistics.reyes_counters.num_patches, statistics.photon), (0, None));
