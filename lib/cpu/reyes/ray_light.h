@@ -105,7 +105,7 @@ class RayLight : public SerialExecutor {
       wave_.hits[i] = hit_of_place(scene_, settings_.camera, place, wave_.rays.rays[i]);
       wave_.rays.paths[i] = i;
       const SampleKey key = key_of_place(settings_, place, bucket_.first_sample, point.group);
-      wave_.paths[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0};
+      wave_.paths[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0, medium_air};
     }
     charge(PathStage::Generate);
     uint32_t num_rays = n;

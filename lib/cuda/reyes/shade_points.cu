@@ -76,7 +76,7 @@ __global__ void __launch_bounds__(block_size)
   wave.hits[i] = hit_of_place(v.eye.scene, v.eye.settings.camera, place, wave.rays.rays[i]);
   wave.rays.paths[i] = i;
   const SampleKey key = key_of_place(v.eye.settings, place, v.eye.unit.first_sample, group);
-  wave.paths[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0};
+  wave.paths[i] = {vec3(1.0f), 0.0f, vec3(0.0f), vec3(0.0f), vec3(0.0f), key, 0, medium_air};
 }
 
 __global__ void __launch_bounds__(block_size)
