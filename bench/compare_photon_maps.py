@@ -3,8 +3,8 @@
     python bench/compare_photon_maps.py [--points N] [--queries N] [--threads N] [--repeats N] [--nanoflann PROGRAM]
 
 Needs the package gpurt and scipy, and bench_nanoflann, which is built where nanoflann.hpp is found (Debian: libnanoflann-dev).
-All take the same points and places, in the same random order, and as many threads where they can have several; of repeats the
-least time counts. What is asked is how many points are near; of gpurt the sum of their fluxes as well. One JSON line a set.
+All take the same points and places, in the same random order, and as many threads where they can have several. They take turns,
+so that a disturbance of the machine hits all of them, and of repeats the least time counts. What is asked is how many points are near; of gpurt the sum of their fluxes as well. One JSON line a set.
 """
 
 import argparse
@@ -36,48 +36,53 @@ def surface(rng, n):
     return points, lambda count: (50 * 4 * (radii**2).sum() / count) ** 0.5
 
 
-def least(repeats, run):
-    """The least seconds of some calls, and what the last one returned."""
-    best, result = float("inf"), None
-    for _ in range(repeats):
-        result = None
-        start = time.perf_counter()
-        result = run()
-        best = min(best, time.perf_counter() - start)
-    return best, result
+def timed(run):
+    start = time.perf_counter()
+    result = run()
+    return time.perf_counter() - start, result
+
+
+def run_gpurt(points, places, radius, threads, fluxes=None):
+    device = gpurt.Device("cpu", threads=threads)
+    build, photons = timed(lambda: gpurt.PhotonMap(points, fluxes=fluxes, radius=radius, device=device))
+    gather, found = timed(lambda: photons.count(places, radius) if fluxes is None else photons.sum(places, radius)[:, 0])
+    return {"build_s": build, "gather_s": gather, "found": int(found.sum(dtype=float))}
+
+
+def run_scipy(points, places, radius, threads):
+    build, tree = timed(lambda: cKDTree(points))
+    gather, counts = timed(lambda: tree.query_ball_point(places, radius, workers=threads, return_length=True))
+    return {"build_s": build, "gather_s": gather, "found": int(counts.sum())}
+
+
+def run_nanoflann(program, paths, radius, threads):
+    command = [program, *map(str, paths), repr(radius), str(threads), "1"]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 def compare(name, make, arguments):
     rng = np.random.default_rng(1)
     points, radius_for = make(rng, arguments.points)
     places, _ = make(rng, arguments.queries)
-    radius = float(np.float32(radius_for(arguments.points)))
-    repeats, threads = arguments.repeats, arguments.threads
-    device = gpurt.Device("cpu", threads=threads)
+    radius, threads = float(np.float32(radius_for(arguments.points))), arguments.threads
     fluxes = np.ones_like(points)
     result = {"bench": "photon_maps", "set": name, "points": arguments.points, "queries": arguments.queries,
-              "threads": threads, "radius": radius, "device": device.properties.name}
-
-    build, photons = least(repeats, lambda: gpurt.PhotonMap(points, radius=radius, device=device))
-    gather, counts = least(repeats, lambda: photons.count(places, radius))
-    result["gpurt"] = {"build_s": build, "gather_s": gather, "found": int(counts.sum())}
-    build, photons = least(repeats, lambda: gpurt.PhotonMap(points, fluxes=fluxes, radius=radius, device=device))
-    gather, sums = least(repeats, lambda: photons.sum(places, radius))
-    result["gpurt_flux"] = {"build_s": build, "gather_s": gather, "found": int(sums[:, 0].sum(dtype=float))}
-    del photons
-
-    build, tree = least(repeats, lambda: cKDTree(points))
-    gather, counts = least(repeats, lambda: tree.query_ball_point(places, radius, workers=threads, return_length=True))
-    result["scipy"] = {"build_s": build, "gather_s": gather, "found": int(counts.sum())}
-    del tree
-
-    if arguments.nanoflann:
-        with tempfile.TemporaryDirectory() as folder:
-            paths = [pathlib.Path(folder) / "points", pathlib.Path(folder) / "places"]
-            points.tofile(paths[0])
-            places.tofile(paths[1])
-            command = [arguments.nanoflann, *map(str, paths), repr(radius), str(threads), str(repeats)]
-            result["nanoflann"] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+              "threads": threads, "radius": radius, "device": gpurt.Device("cpu").properties.name}
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [pathlib.Path(folder) / "points", pathlib.Path(folder) / "places"]
+        points.tofile(paths[0])
+        places.tofile(paths[1])
+        runs = {"gpurt": lambda: run_gpurt(points, places, radius, threads),
+                "gpurt_flux": lambda: run_gpurt(points, places, radius, threads, fluxes),
+                "scipy": lambda: run_scipy(points, places, radius, threads)}
+        if arguments.nanoflann:
+            runs["nanoflann"] = lambda: run_nanoflann(arguments.nanoflann, paths, radius, threads)
+        for _ in range(arguments.repeats):
+            for key, run in runs.items():
+                last = run()
+                best = result.setdefault(key, last)
+                for time_s in ("build_s", "gather_s"):
+                    best[time_s] = min(best[time_s], last[time_s])
 
     own = result["gpurt"]
     for peer in ("scipy", "nanoflann"):
