@@ -139,6 +139,9 @@ def test_settings_are_parsed():
     assert s.device == {"device": "cpu", "threads": 2}
     s = parse_setting("few:pipeline=photon,photons_per_pass=4096,initial_radius=0.5,kernel=cone")
     assert s.render == {"pipeline": "photon", "photon": {"photons_per_pass": 4096, "initial_radius": 0.5, "kernel": "cone"}}
+    s = parse_setting("leaky:pipeline=photon,estimator=per_pixel,remedies=normal+side")
+    assert s.render == {"pipeline": "photon", "photon": {"estimator": "per_pixel", "remedies": ("normal", "side")}}
+    assert parse_setting("bare:remedies=none").render["photon"] == {"remedies": ()}
     s = parse_setting("coarse:pipeline=reyes,shading_rate=4,shadows=0,flatness=0.25")
     assert s.render == {"pipeline": "reyes", "reyes": {"shading_rate": 4.0, "shadows": False, "flatness": 0.25}}
     for wrong in (":accel=kdtree", "a:accel", "a:colour=red", "a:max_depth=many"):

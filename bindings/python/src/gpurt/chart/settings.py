@@ -16,13 +16,19 @@ def flag(text: str) -> bool:
     return bool(int(text))
 
 
+def names(text: str) -> Tuple[str, ...]:
+    """"normal+side"; "none" for none of them."""
+    return () if text == "none" else tuple(text.split("+"))
+
+
 # Where each key goes, and what makes a value of its text.
 DEVICE_KEYS: Keys = {"device": str, "threads": int}
 COMMIT_KEYS: Keys = {"accel": str, "triangle_test": str, "patch_tolerance": float, "patch_pixels": float, "traversal_cost": float,
                "empty_bonus": float, "tree_cache": str}
 RENDER_KEYS: Keys = {"pipeline": str, "max_depth": int, "tile_size": int}
 # Of these two pipelines; the names are those that Frame.submit takes.
-PHOTON_KEYS: Keys = {"photons_per_pass": int, "initial_radius": float, "kernel": str}
+PHOTON_KEYS: Keys = {"photons_per_pass": int, "initial_radius": float, "estimator": str, "kernel": str,
+                     "remedies": names}
 REYES_KEYS: Keys = {"shading_rate": float, "filter": str, "shading": str, "shadows": flag,
                     "flatness": float}
 KNOWN_KEYS: Tuple[Keys, Keys, Keys, Keys, Keys] = (DEVICE_KEYS, COMMIT_KEYS, RENDER_KEYS, PHOTON_KEYS, REYES_KEYS)
