@@ -1,5 +1,7 @@
 // Closest, any and all hits of the kd-tree and the bvh against exact geometry: rays at edges, vertices, split planes and
-// along axes, on meshes of six kinds, through the library's own trees and through kd-trees made by CGAL.
+// along axes, on meshes of six kinds, through the library's own trees, those that a GPU builds, and kd-trees made by CGAL.
+#include <cstdlib>
+#include <cstring>
 #include <optional>
 
 #include "../support/cgal_tree.h"
@@ -13,22 +15,26 @@ using namespace gpurt_test;
 #if defined(__SANITIZE_ADDRESS__)
 constexpr size_t num_rays = 4000;
 #else
-constexpr size_t num_rays = 100000;
+// Fewer under the sanitizer of CUDA devices.
+const size_t num_rays = std::getenv("GPURT_TEST_SHORT") != nullptr ? 2000 : 100000;
 #endif
+// A batch that CUDA devices may trace by warps that refill.
+constexpr size_t large_batch = (size_t(1) << 18) + 1000;
 
 struct Params {
   std::string kind;
   gpurt_accel accel;
   bool is_cuda;
+  bool is_fast;  // trees that are built in the least time: on the device, where that is a GPU
 };
 
-std::vector<Params> all_params()
+std::vector<Params> all_params(bool are_fast)
 {
   std::vector<Params> params;
   for (const std::string &kind : mesh_kinds) {
     for (const gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH}) {
-      params.push_back({kind, accel, false});
-      params.push_back({kind, accel, true});
+      if (!are_fast) params.push_back({kind, accel, false, false});
+      params.push_back({kind, accel, true, are_fast});
     }
   }
   return params;
@@ -67,7 +73,11 @@ class Hits : public ::testing::TestWithParam<Params> {
       desc.references = const_cast<uint32_t *>(tree->references.data());
       GPURT_EXPECT_OK(gpurt_scene_import_tree(scene, &desc));
     }
-    commit(scene, accel, test);
+    gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
+    desc.accel = accel;
+    desc.triangle_test = test;
+    if (GetParam().is_fast) desc.quality = GPURT_BUILD_QUALITY_FAST;
+    GPURT_EXPECT_OK(gpurt_scene_commit(scene, &desc));
     return scene;
   }
 
@@ -116,6 +126,47 @@ class Hits : public ::testing::TestWithParam<Params> {
     for (size_t i = 0; i < rays_.size(); ++i)
       num_different += occluded[i] != (hits[i].primitive != GPURT_INVALID_ID);
     EXPECT_EQ(num_different, 0u) << title << ": any hit and closest hit disagree";
+    if (GetParam().is_cuda) check_large_batches(scene, title, hits, occluded);
+  }
+
+  // The same rays again and again, as many as it takes for kernels of large batches: what they say does not depend on that.
+  void check_large_batches(gpurt_scene scene, const std::string &title, const std::vector<gpurt_hit> &hits,
+                           const std::vector<uint8_t> &occluded)
+  {
+    std::vector<gpurt_ray> rays(large_batch);
+    for (size_t i = 0; i < rays.size(); ++i) rays[i] = rays_[i % rays_.size()];
+    gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+    desc.num_rays = rays.size();
+    desc.rays = rays.data();
+    for (const gpurt_coherence coherence : {GPURT_COHERENCE_COHERENT, GPURT_COHERENCE_INCOHERENT}) {
+      std::vector<gpurt_hit> large_hits(rays.size());
+      std::vector<uint8_t> large_occluded(rays.size(), 2);
+      desc.coherence = coherence;
+      desc.query = GPURT_QUERY_CLOSEST;
+      desc.hits = large_hits.data();
+      desc.occluded = nullptr;
+      GPURT_ASSERT_OK(gpurt_scene_trace(scene, &desc));
+      desc.query = GPURT_QUERY_ANY;
+      desc.hits = nullptr;
+      desc.occluded = large_occluded.data();
+      GPURT_ASSERT_OK(gpurt_scene_trace(scene, &desc));
+      // Where an edge is near, kernels that list what they leave over may take another triangle there when lists are full.
+      Tally tally(title + ", many at once");
+      size_t num_near = 0, num_different = 0;
+      for (size_t i = 0; i < rays.size(); ++i) {
+        const size_t k = i % rays_.size();
+        const Outcome outcome = judge_closest(truths_[k], rays[i], large_hits[i]);
+        tally.add(outcome, rays[i], ray_kind_names[int(kinds_[k])], large_hits[i].primitive, large_hits[i].t,
+                  truths_[k]);
+        const bool is_different =
+            std::memcmp(&large_hits[i], &hits[k], sizeof(gpurt_hit)) != 0 || large_occluded[i] != occluded[k];
+        (outcome == Outcome::Near ? num_near : num_different) += is_different;
+      }
+      EXPECT_EQ(tally.failures(), 0u) << title;
+      EXPECT_EQ(num_different, 0u) << title << ": " << rays.size() << " rays at once, coherence "
+                                   << coherence;
+      EXPECT_LE(num_near, rays.size() / 1000) << title;
+    }
   }
 
   // Along [tmin, tmax], and along the whole lines: a closed surface is crossed an even number of times.
@@ -146,6 +197,54 @@ class Hits : public ::testing::TestWithParam<Params> {
     }
   }
 
+  void agree_with_exact_geometry()
+  {
+    const std::string kind = GetParam().kind;
+    const auto is_degenerate = [&](uint32_t i) { return oracle_->is_degenerate(i); };
+    const Bounds bounds = bounds_of(named_.mesh);
+    std::printf(
+        "%s: %zu triangles; an edge is cleared beyond %.9g x 2^-24 x M, about %.3g of the mesh's extent\n",
+        kind.c_str(), named_.mesh.triangles.size(), float_precision.edge_bound,
+        float_precision.edge_bound * float_precision.unit_roundoff *
+            std::max({std::abs(bounds.lo[0]), std::abs(bounds.hi[0]), bounds.extent()}) / bounds.extent());
+    const ExchangeTree median =
+        build_cgal_tree(named_.mesh, TreePoints::Vertices, TreeCut::Median, 6, is_degenerate);
+    const ExchangeTree sliding =
+        build_cgal_tree(named_.mesh, TreePoints::Centroids, TreeCut::SlidingMidpoint, 10, is_degenerate);
+
+    // The same rays for all trees: half of those with origins in split planes use CGAL's planes, half the library's.
+    const Scene own = make_scene(GPURT_TRIANGLE_WATERTIGHT);
+    if (GetParam().is_fast) {
+      // Of small meshes the host is quicker.
+      EXPECT_EQ(facts_of(own).build_peak_bytes != 0, named_.mesh.triangles.size() > 2048) << kind;
+    }
+    const Scene kd_tree = make_scene(GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_WATERTIGHT);
+    std::vector<SplitPlane> planes = split_planes(exported_nodes(kd_tree));
+    EXPECT_FALSE(planes.empty());
+    const std::vector<SplitPlane> cgal_planes = split_planes(median.nodes);
+    while (planes.size() < cgal_planes.size()) planes.insert(planes.end(), planes.begin(), planes.end());
+    planes.resize(cgal_planes.size());
+    planes.insert(planes.end(), cgal_planes.begin(), cgal_planes.end());
+
+    make_rays(planes, float_precision, num_rays, 5);
+    check_closest(own, kind + ", own tree");
+    check_all(own, kind + ", own tree");
+    if (is_kdtree() && !GetParam().is_fast) {
+      const Scene imported = make_scene(GPURT_TRIANGLE_WATERTIGHT, &median);
+      check_closest(imported, kind + ", CGAL median tree");
+      check_all(imported, kind + ", CGAL median tree");
+      const Scene slid = make_scene(GPURT_TRIANGLE_WATERTIGHT, &sliding);
+      check_closest(slid, kind + ", CGAL sliding midpoint tree");
+    }
+
+    make_rays(planes, double_precision, num_rays / 5, 6);
+    const Scene doubled = make_scene(GPURT_TRIANGLE_DOUBLE);
+    check_closest(doubled, kind + ", own tree, double");
+    std::printf("%s: %.3g decisions, %.4f%% by rational arithmetic\n", kind.c_str(),
+                double(oracle_->num_decisions),
+                100.0 * double(oracle_->num_exact_decisions) / double(oracle_->num_decisions));
+  }
+
   Device device_;
   NamedMesh named_;
   std::optional<ExactOracle> oracle_;
@@ -154,49 +253,12 @@ class Hits : public ::testing::TestWithParam<Params> {
   std::vector<RayTruth> truths_;
 };
 
-TEST_P(Hits, AgreeWithExactGeometry)
-{
-  const std::string kind = GetParam().kind;
-  const auto is_degenerate = [&](uint32_t i) { return oracle_->is_degenerate(i); };
-  const Bounds bounds = bounds_of(named_.mesh);
-  std::printf(
-      "%s: %zu triangles; an edge is cleared beyond %.9g x 2^-24 x M, about %.3g of the mesh's extent\n",
-      kind.c_str(), named_.mesh.triangles.size(), float_precision.edge_bound,
-      float_precision.edge_bound * float_precision.unit_roundoff *
-          std::max({std::abs(bounds.lo[0]), std::abs(bounds.hi[0]), bounds.extent()}) / bounds.extent());
-  const ExchangeTree median =
-      build_cgal_tree(named_.mesh, TreePoints::Vertices, TreeCut::Median, 6, is_degenerate);
-  const ExchangeTree sliding =
-      build_cgal_tree(named_.mesh, TreePoints::Centroids, TreeCut::SlidingMidpoint, 10, is_degenerate);
+TEST_P(Hits, AgreeWithExactGeometry) { agree_with_exact_geometry(); }
 
-  // The same rays for all trees: half of those with origins in split planes use CGAL's planes, half the library's.
-  const Scene own = make_scene(GPURT_TRIANGLE_WATERTIGHT);
-  const Scene kd_tree = make_scene(GPURT_ACCEL_KDTREE, GPURT_TRIANGLE_WATERTIGHT);
-  std::vector<SplitPlane> planes = split_planes(exported_nodes(kd_tree));
-  EXPECT_FALSE(planes.empty());
-  const std::vector<SplitPlane> cgal_planes = split_planes(median.nodes);
-  while (planes.size() < cgal_planes.size()) planes.insert(planes.end(), planes.begin(), planes.end());
-  planes.resize(cgal_planes.size());
-  planes.insert(planes.end(), cgal_planes.begin(), cgal_planes.end());
+// Trees that the device builds.
+class FastHits : public Hits {};
 
-  make_rays(planes, float_precision, num_rays, 5);
-  check_closest(own, kind + ", own tree");
-  check_all(own, kind + ", own tree");
-  if (is_kdtree()) {
-    const Scene imported = make_scene(GPURT_TRIANGLE_WATERTIGHT, &median);
-    check_closest(imported, kind + ", CGAL median tree");
-    check_all(imported, kind + ", CGAL median tree");
-    const Scene slid = make_scene(GPURT_TRIANGLE_WATERTIGHT, &sliding);
-    check_closest(slid, kind + ", CGAL sliding midpoint tree");
-  }
-
-  make_rays(planes, double_precision, num_rays / 5, 6);
-  const Scene doubled = make_scene(GPURT_TRIANGLE_DOUBLE);
-  check_closest(doubled, kind + ", own tree, double");
-  std::printf("%s: %.3g decisions, %.4f%% by rational arithmetic\n", kind.c_str(),
-              double(oracle_->num_decisions),
-              100.0 * double(oracle_->num_exact_decisions) / double(oracle_->num_decisions));
-}
+TEST_P(FastHits, AgreeWithExactGeometry) { agree_with_exact_geometry(); }
 
 TEST_P(Hits, ImportedTreesComeBackAsTheyWere)
 {
@@ -238,9 +300,12 @@ TEST_P(Hits, ImportedTreesComeBackAsTheyWere)
   EXPECT_EQ(facts.tree_from_cache, 1u);
 }
 
-INSTANTIATE_TEST_SUITE_P(Meshes, Hits, ::testing::ValuesIn(all_params()), [](const auto &info) {
+std::string name_of(const ::testing::TestParamInfo<Params> &info)
+{
   return std::string(info.param.is_cuda ? "cuda_" : "") +
          (info.param.accel == GPURT_ACCEL_BVH ? "bvh_" : "") + info.param.kind;
-});
+}
+INSTANTIATE_TEST_SUITE_P(Meshes, Hits, ::testing::ValuesIn(all_params(false)), name_of);
+INSTANTIATE_TEST_SUITE_P(Meshes, FastHits, ::testing::ValuesIn(all_params(true)), name_of);
 
 }  // namespace

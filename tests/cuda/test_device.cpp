@@ -123,6 +123,54 @@ TEST(CudaDevice, SaysWhyAutoTookATree)
   says(log_of(large, 300u << 20), "a quarter of the memory");
 }
 
+// Triangles that lie across one another, each as wide as a tenth of the scene: boxes about them overlap everywhere, and planes
+// keep them apart.
+TEST(CudaDevice, TakesTheKdTreeWhereAProbeExpectsItToBeFaster)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  Mesh mesh;
+  Random random(5);
+  for (uint32_t i = 0; i < 200'000; ++i) {
+    const Vec center = random.inside({-1, -1, -1}, {1, 1, 1});
+    for (int k = 0; k < 3; ++k) {
+      const Vec d = random.inside({-0.1f, -0.1f, -0.1f}, {0.1f, 0.1f, 0.1f});
+      mesh.vertices.push_back({center[0] + d[0], center[1] + d[1], center[2] + d[2]});
+    }
+    mesh.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
+  }
+  std::string log;
+  gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
+  desc.type = GPURT_DEVICE_CUDA;
+  desc.log = [](void *user, gpurt_log_level, const char *message) {
+    *static_cast<std::string *>(user) += std::string(message) + "\n";
+  };
+  desc.log_user = &log;
+  Device device;
+  GPURT_ASSERT_OK(gpurt_device_create(&desc, device.out()));
+  Scene scene;
+  GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+  add_mesh(scene, mesh);
+  RayTargets targets{mesh};
+  set_bounds(targets);
+  std::vector<gpurt_ray> rays(20'000);
+  for (size_t i = 0; i < rays.size(); ++i) rays[i] = make_ray(targets, i);
+  gpurt_scene_facts facts[2] = {GPURT_SCENE_FACTS_INIT, GPURT_SCENE_FACTS_INIT};
+  std::vector<gpurt_hit> hits[2];
+  // The tree, and the hits, of a commit that asks for it.
+  for (int i = 0; i < 2; ++i) {
+    commit(scene, i == 0 ? GPURT_ACCEL_AUTO : GPURT_ACCEL_KDTREE);
+    GPURT_ASSERT_OK(gpurt_scene_get_facts(scene, &facts[i]));
+    hits[i] = trace_closest(scene, rays);
+  }
+  EXPECT_NE(log.find("expects a kd-tree to take 0."), std::string::npos) << log;
+  EXPECT_EQ(facts[0].accel, GPURT_ACCEL_KDTREE) << log;
+  EXPECT_EQ(facts[0].num_nodes, facts[1].num_nodes);
+  EXPECT_EQ(facts[0].num_references, facts[1].num_references);
+  EXPECT_EQ(std::memcmp(hits[0].data(), hits[1].data(), rays.size() * sizeof(gpurt_hit)), 0);
+  gpurt_kdtree tree = GPURT_KDTREE_INIT;
+  GPURT_EXPECT_OK(gpurt_scene_export_tree(scene, &tree));
+}
+
 TEST(CudaDevice, ChoosesTheBvhUnlessAKdTreeIsAskedFor)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
