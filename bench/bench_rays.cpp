@@ -3,7 +3,9 @@
 //
 //   bench_rays SCENE.tris PREFIX [--accel bvh,kdtree] [--repeats N] [--width PIXELS] [--only SET]
 //             [--traversal-cost X] [--empty-bonus X] [--fast]
+//   bench_rays leaves|rocks|forest [...]
 //
+// The second form makes scenes with alpha masks and placements, and rays through them (generated_scene.h).
 // SCENE.tris is float32 [n][3][3]; PREFIX.SET.rays, with SET primary, ao, diffuse and random, is float32 [m][8] = origin,
 // tmin, direction, tmax. ao is answered as any hit, the others as closest hit. Hits of the first accelerator are compared
 // with those of every other, bit by bit. The costs are the kd-tree builder's, --fast asks for GPURT_BUILD_QUALITY_FAST.
@@ -18,6 +20,7 @@
 #include <vector>
 
 #include "cuda_check.h"
+#include "generated_scene.h"
 #include "gpurt.h"
 #include "gpurt_cuda.h"
 
@@ -71,6 +74,42 @@ struct RaySet {
   bool is_any() const { return name == "ao"; }
   size_t result_bytes() const { return rays.size() * (is_any() ? 1 : sizeof(gpurt_hit_compact)); }
 };
+
+// The sets that are asked for, in device memory.
+std::vector<RaySet> upload_sets(const Options &options, std::map<std::string, std::vector<gpurt_ray>> rays)
+{
+  std::vector<RaySet> sets;
+  for (const char *name : {"primary", "ao", "diffuse", "random"}) {
+    if (!options.only.empty() && options.only != name) continue;
+    RaySet set{name, std::move(rays[name])};
+    if (set.rays.empty()) continue;
+    const size_t bytes = set.rays.size() * sizeof(gpurt_ray);
+    check(cudaMalloc(&set.d_rays, bytes), "cudaMalloc");
+    check(cudaMalloc(&set.d_results, set.result_bytes()), "cudaMalloc");
+    check(cudaMemcpy(set.d_rays, set.rays.data(), bytes, cudaMemcpyHostToDevice), "cudaMemcpy");
+    sets.push_back(std::move(set));
+  }
+  return sets;
+}
+
+std::vector<RaySet> read_sets(const Options &options)
+{
+  std::map<std::string, std::vector<gpurt_ray>> rays;
+  for (const char *name : {"primary", "ao", "diffuse", "random"})
+    rays[name] = read_file<gpurt_ray>(options.prefix + "." + name + ".rays");
+  return upload_sets(options, std::move(rays));
+}
+
+void add_triangles(gpurt_scene scene, const std::vector<float> &corners)
+{
+  gpurt_mesh_desc mesh = GPURT_MESH_DESC_INIT;
+  mesh.vertices.data = corners.data();
+  mesh.vertices.count = corners.size() / 3;
+  gpurt_instance_desc instance = GPURT_INSTANCE_DESC_INIT;
+  uint32_t id;
+  check(gpurt_scene_add_mesh(scene, &mesh, &instance.geometry), "gpurt_scene_add_mesh");
+  check(gpurt_scene_add_instance(scene, &instance, &id), "gpurt_scene_add_instance");
+}
 
 void bench_set(gpurt_scene scene, const std::string &device, const std::string &accel, const RaySet &set,
                const Options &options, std::map<std::string, std::vector<char>> &expected)
@@ -165,16 +204,19 @@ int main(int argc, char **argv)
     std::fprintf(stderr, "no rays given: nothing to measure\n");
     return 0;
   }
-  if (positional.size() != 2) {
+  const bool is_generated = positional.size() == 1 && bench::is_generated(positional[0]);
+  if (positional.size() != 2 && !is_generated) {
     std::fprintf(stderr,
-                 "usage: bench_rays SCENE.tris PREFIX [--accel bvh,kdtree] [--repeats N] [--width PIXELS] "
+                 "usage: bench_rays SCENE.tris PREFIX | leaves | rocks | forest [--accel bvh,kdtree] "
+                 "[--repeats N] [--width PIXELS] "
                  "[--only SET] [--traversal-cost X] [--empty-bonus X] [--fast]\n");
     return 2;
   }
   options.scene = positional[0];
-  options.prefix = positional[1];
-  const std::vector<float> corners = read_file<float>(options.scene);
-  if (corners.empty() || corners.size() % 9 != 0) {
+  if (!is_generated) options.prefix = positional[1];
+  std::vector<float> corners;
+  if (!is_generated) corners = read_file<float>(options.scene);
+  if (!is_generated && (corners.empty() || corners.size() % 9 != 0)) {
     std::fprintf(stderr, "error: %s holds no triangles of float32 [n][3][3]\n", options.scene.c_str());
     return 1;
   }
@@ -182,18 +224,6 @@ int main(int argc, char **argv)
   if (cudaGetDeviceCount(&num_devices) != cudaSuccess || num_devices == 0) {
     std::fprintf(stderr, "no CUDA device: nothing to measure\n");
     return 0;
-  }
-  std::vector<RaySet> sets;
-  for (const char *name : {"primary", "ao", "diffuse", "random"}) {
-    if (!options.only.empty() && options.only != name) continue;
-    RaySet set{name, read_file<gpurt_ray>(options.prefix + "." + name + ".rays")};
-    if (set.rays.empty()) continue;
-    check(cudaMalloc(&set.d_rays, set.rays.size() * sizeof(gpurt_ray)), "cudaMalloc");
-    check(cudaMalloc(&set.d_results, set.result_bytes()), "cudaMalloc");
-    check(
-        cudaMemcpy(set.d_rays, set.rays.data(), set.rays.size() * sizeof(gpurt_ray), cudaMemcpyHostToDevice),
-        "cudaMemcpy");
-    sets.push_back(std::move(set));
   }
   gpurt_device_desc device_desc = GPURT_DEVICE_DESC_INIT;
   device_desc.type = GPURT_DEVICE_CUDA;
@@ -205,19 +235,16 @@ int main(int argc, char **argv)
   gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
   check(gpurt_device_get_properties(device, &properties), "gpurt_device_get_properties");
   std::map<std::string, std::vector<char>> expected;
+  std::vector<RaySet> sets;
+  if (!is_generated) sets = read_sets(options);
   for (const auto &[name, accel] :
        {std::pair{"bvh", GPURT_ACCEL_BVH}, std::pair{"kdtree", GPURT_ACCEL_KDTREE},
         std::pair{"auto", GPURT_ACCEL_AUTO}}) {
     if (options.accels.find(name) == std::string::npos) continue;
     gpurt_scene scene;
     check(gpurt_scene_create(device, &scene), "gpurt_scene_create");
-    gpurt_mesh_desc mesh = GPURT_MESH_DESC_INIT;
-    mesh.vertices.data = corners.data();
-    mesh.vertices.count = corners.size() / 3;
-    gpurt_instance_desc instance = GPURT_INSTANCE_DESC_INIT;
-    uint32_t id;
-    check(gpurt_scene_add_mesh(scene, &mesh, &instance.geometry), "gpurt_scene_add_mesh");
-    check(gpurt_scene_add_instance(scene, &instance, &id), "gpurt_scene_add_instance");
+    if (is_generated) bench::fill_generated(options.scene, scene);
+    else add_triangles(scene, corners);
     gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
     build.accel = accel;
     build.quality = options.quality;
@@ -236,9 +263,14 @@ int main(int argc, char **argv)
         "\"commit_s\": %.3f, \"accel_build_s\": %.4f, \"build_peak_bytes\": %llu, \"accel_bytes\": %llu, "
         "\"references\": "
         "%llu, \"nodes\": %llu}\n",
-        properties.name, options.scene.c_str(), name, corners.size() / 9, seconds, facts.accel_build_seconds,
-        (unsigned long long)facts.build_peak_bytes, (unsigned long long)facts.accel_bytes,
-        (unsigned long long)facts.num_references, (unsigned long long)facts.num_nodes);
+        properties.name, options.scene.c_str(), name, size_t(facts.num_triangles), seconds,
+        facts.accel_build_seconds, (unsigned long long)facts.build_peak_bytes,
+        (unsigned long long)facts.accel_bytes, (unsigned long long)facts.num_references,
+        (unsigned long long)facts.num_nodes);
+    if (is_generated && sets.empty()) {
+      sets = upload_sets(options, bench::make_generated_rays(options.scene, scene));
+      options.width = bench::generated_width;
+    }
     for (const RaySet &set : sets) bench_set(scene, properties.name, name, set, options, expected);
     check(gpurt_scene_release(scene), "gpurt_scene_release");
   }

@@ -6,6 +6,7 @@
 #include <limits>
 #include <thread>
 
+#include "gpurt_cuda.h"
 #include "scenes.h"
 
 namespace gpurt_test {
@@ -416,43 +417,152 @@ TEST(CudaFastKdTrees, HitWhatTheCpusHit)
   }
 }
 
-// Kernels for rays that go together and for rays that do not: enough rays for either to be taken.
+// Trees of leaves, all of them placed, and nothing else: near and far, turned, from very small to large, over one another, and
+// each of the first three twice in the same place, so that ids decide. Leaves' triangles are in part masked, in part not.
+RayTargets fill_grove(gpurt_scene scene)
+{
+  RayTargets leaves =
+      fill_leaves(scene, Leaves::Mask, false);  // also adds a sphere; its material lets nothing pass
+  const uint32_t masked = 0, solid = 1;
+  RayTargets targets;
+  Random random(41);
+  for (int i = 0; i < 300; ++i) {
+    const float size = std::exp2(random.between(-9, 1)), angle = random.between(0, 6.28f),
+                c = size * std::cos(angle), s = size * std::sin(angle);
+    const Vec at = random.inside({-60, -5, -60}, {60, 5, 60});
+    const std::array<float, 12> t = {c, 0, s, at[0], 0, i % 5 ? size : -size, 0, at[1], -s, 0, c, at[2]};
+    for (int k = 0; k < (i < 3 ? 2 : 1); ++k) place(scene, i % 4 == 3 ? solid : masked, t);
+    Mesh world = i % 4 == 3 ? icosphere(3) : leaves.mesh;
+    if (i % 10 != 0) continue;  // rays are aimed at a part
+    targets.mesh.append(world.map([&](Vec v) {
+      return Vec{t[0] * v[0] + t[2] * v[2] + t[3], t[5] * v[1] + t[7], t[8] * v[0] + t[10] * v[2] + t[11]};
+    }));
+  }
+  set_bounds(targets);
+  return targets;
+}
+
+uint64_t launches_of(gpurt_device device, const char *name)
+{
+  uint32_t count = 0;
+  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, nullptr, 0, &count));
+  std::vector<gpurt_cuda_kernel> kernels(count);
+  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, kernels.data(), count, &count));
+  uint64_t n = 0;
+  for (const gpurt_cuda_kernel &k : kernels) n += std::strcmp(name, k.name) == 0 ? k.num_launches : 0;
+  return n;
+}
+
+// Kernels for rays that go together and for rays that do not: enough rays for either to be taken. They are the fast ones, which
+// alone have a kernel that finishes what they leave over, or go by rounds.
+void compare_orders(const DevicePair &devices, const TestScene &content, gpurt_accel accel,
+                    bool is_by_rounds = false)
+{
+  const char *const finishing[2] = {"kernel that finishes closest hits", "kernel that finishes any hits"},
+                    *const of_rounds[2] = {"closest-hit kernel of masks", "any-hit kernel of masks"},
+                    *const *kernels = is_by_rounds ? of_rounds : finishing;
+  SCOPED_TRACE(content.name + (accel == GPURT_ACCEL_BVH ? ", bvh" : ", kdtree"));
+  const ScenePair scenes = make_scenes(devices, content, GPURT_TRIANGLE_WATERTIGHT, accel);
+  std::vector<gpurt_ray> rays = make_rays(scenes.targets, 0, amount(300'000, 270'000));
+  rays[7].origin[0] = 1e20f;  // far away: not for the fast kernels
+  rays[1000].direction[1] = std::numeric_limits<float>::quiet_NaN();
+  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+  desc.num_rays = rays.size();
+  desc.rays = rays.data();
+  const auto run = [&](gpurt_scene scene, gpurt_query query, gpurt_coherence coherence) {
+    std::vector<gpurt_hit> hits(query == GPURT_QUERY_CLOSEST ? rays.size() : 0);
+    std::vector<uint8_t> occluded(query == GPURT_QUERY_ANY ? rays.size() : 0);
+    desc.query = query;
+    desc.hits = hits.data();
+    desc.occluded = occluded.data();
+    if (query == GPURT_QUERY_CLOSEST) desc.occluded = nullptr;
+    else desc.hits = nullptr;
+    desc.coherence = coherence;
+    GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
+    return std::pair(hits, occluded);
+  };
+  const auto closest = run(scenes.reference, GPURT_QUERY_CLOSEST, GPURT_COHERENCE_AUTO).first;
+  const auto any = run(scenes.reference, GPURT_QUERY_ANY, GPURT_COHERENCE_AUTO).second;
+  uint64_t num_hits = 0;
+  for (const gpurt_hit &hit : closest) num_hits += hit.primitive != GPURT_INVALID_ID;
+  EXPECT_GT(num_hits, rays.size() / 10);
+  for (const gpurt_coherence coherence :
+       {GPURT_COHERENCE_COHERENT, GPURT_COHERENCE_INCOHERENT, GPURT_COHERENCE_AUTO}) {
+    const uint64_t num_launches[2] = {launches_of(devices.tested, kernels[0]),
+                                      launches_of(devices.tested, kernels[1])};
+    const auto tested = run(scenes.tested, GPURT_QUERY_CLOSEST, coherence).first;
+    uint64_t num_different = 0;
+    for (size_t i = 0; i < rays.size(); ++i) {
+      if (same_bits(tested[i], closest[i]) || ++num_different > 4) continue;
+      ADD_FAILURE() << "ray " << i << " (" << ray_kind_name(i) << "): " << describe(rays[i])
+                    << "\n  expected " << describe(closest[i]) << "\n  but      " << describe(tested[i]);
+    }
+    EXPECT_EQ(num_different, 0u) << "coherence " << coherence;
+    EXPECT_TRUE(run(scenes.tested, GPURT_QUERY_ANY, coherence).second == any) << "coherence " << coherence;
+    if (coherence == GPURT_COHERENCE_INCOHERENT || is_by_rounds) {
+      EXPECT_GT(launches_of(devices.tested, kernels[0]), num_launches[0]);
+    }
+    EXPECT_GT(launches_of(devices.tested, kernels[1]), num_launches[1]);
+  }
+}
+
 TEST(CudaCoherence, DoesNotChangeHits)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   const DevicePair devices = cpu_and_cuda();
-  for (const gpurt_accel accel : {GPURT_ACCEL_KDTREE, GPURT_ACCEL_BVH}) {
-    SCOPED_TRACE(accel == GPURT_ACCEL_BVH ? "bvh" : "kdtree");
-    const ScenePair scenes = make_scenes(devices, test_scenes()[0], GPURT_TRIANGLE_WATERTIGHT, accel);
-    std::vector<gpurt_ray> rays = make_rays(scenes.targets, 0, 300'000);
-    rays[7].origin[0] = 1e20f;  // far away: not for the fast kernels
-    rays[1000].direction[1] = std::numeric_limits<float>::quiet_NaN();
-    gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
-    desc.num_rays = rays.size();
-    desc.rays = rays.data();
-    const auto run = [&](gpurt_scene scene, gpurt_query query, gpurt_coherence coherence) {
-      std::vector<gpurt_hit> hits(query == GPURT_QUERY_CLOSEST ? rays.size() : 0);
-      std::vector<uint8_t> occluded(query == GPURT_QUERY_ANY ? rays.size() : 0);
-      desc.query = query;
-      desc.hits = hits.data();
-      desc.occluded = occluded.data();
-      if (query == GPURT_QUERY_CLOSEST) desc.occluded = nullptr;
-      else desc.hits = nullptr;
-      desc.coherence = coherence;
-      GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
-      return std::pair(hits, occluded);
-    };
-    const auto closest = run(scenes.reference, GPURT_QUERY_CLOSEST, GPURT_COHERENCE_AUTO).first;
-    const auto any = run(scenes.reference, GPURT_QUERY_ANY, GPURT_COHERENCE_AUTO).second;
-    for (const gpurt_coherence coherence :
-         {GPURT_COHERENCE_COHERENT, GPURT_COHERENCE_INCOHERENT, GPURT_COHERENCE_AUTO}) {
-      const auto tested = run(scenes.tested, GPURT_QUERY_CLOSEST, coherence).first;
-      uint64_t num_different = 0;
-      for (size_t i = 0; i < rays.size(); ++i) num_different += !same_bits(tested[i], closest[i]);
-      EXPECT_EQ(num_different, 0u) << "coherence " << coherence;
-      EXPECT_TRUE(run(scenes.tested, GPURT_QUERY_ANY, coherence).second == any) << "coherence " << coherence;
-    }
+  compare_orders(devices, test_scenes()[0], GPURT_ACCEL_KDTREE);
+  compare_orders(devices, test_scenes()[0], GPURT_ACCEL_BVH);
+}
+
+// Leaves that lie in one plane, several at the same t, and more of them behind one another than there are rounds.
+RayTargets fill_stacked_leaves(gpurt_scene scene)
+{
+  RayTargets targets = fill_leaves(scene, Leaves::Mask, false);
+  const uint32_t masked = 1;  // the material's id
+  Mesh stack;
+  for (int i = 0; i < 90; ++i) {
+    const float z = 6.0f + 0.05f * float(i / 3);  // three in one place
+    stack.append(quad({-4, 0, z}, {4, 0, z}, {4, 4, z}, {-4, 4, z}));
   }
+  std::vector<std::array<float, 2>> uvs;
+  for (int i = 0; i < 90; ++i) {
+    // Holes in nearly all of it.
+    const float u = float(i % 7) / 64, v = float(i % 5) / 64;
+    uvs.insert(uvs.end(), {{u, v}, {u + 0.02f, v}, {u + 0.02f, v + 0.02f}, {u, v + 0.02f}});
+  }
+  gpurt_mesh_desc desc = GPURT_MESH_DESC_INIT;
+  desc.material = masked;
+  desc.vertices.data = stack.vertices.data();
+  desc.vertices.count = stack.vertices.size();
+  desc.indices.data = stack.triangles.data();
+  desc.indices.count = stack.triangles.size();
+  desc.uvs.data = uvs.data();
+  desc.uvs.count = uvs.size();
+  uint32_t geometry;
+  GPURT_EXPECT_OK(gpurt_scene_add_mesh(scene, &desc, &geometry));
+  place(scene, geometry, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0});
+  targets.mesh.append(stack);
+  set_bounds(targets);
+  return targets;
+}
+
+TEST(CudaCoherence, DoesNotChangeHitsAmongMasks)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const DevicePair devices = cpu_and_cuda();
+  for (const TestScene &content :
+       {TestScene{"veils", fill_veils}, TestScene{"stacked leaves", fill_stacked_leaves}})
+    compare_orders(devices, content, GPURT_ACCEL_BVH, true);
+}
+
+TEST(CudaCoherence, DoesNotChangeHitsAmongPlacements)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const DevicePair devices = cpu_and_cuda();
+  for (const TestScene &content :
+       {TestScene{"city", fill_city}, TestScene{"foliage", fill_foliage},
+        TestScene{"shared_veils", fill_shared_veils}, TestScene{"grove", fill_grove}})
+    compare_orders(devices, content, GPURT_ACCEL_BVH);
 }
 
 TEST(CudaFastBvhs, AreRefittedToVerticesThatMove)

@@ -88,11 +88,11 @@ TEST(NearRay, IntervalsHoldTheExactT)
 }
 
 // A node over the box of a triangle that the exact test accepts is met; where the hit is within the triangle, also with
-// what lies behind the hit cut off.
-TEST(NearRay, MeetsTheBoxesOfAcceptedTriangles)
+// what lies behind the hit cut off. Far rays come from up to 2^16 times as far as near ones.
+void meet_boxes(bool are_far)
 {
   Random rng(6);
-  uint64_t num_hits = 0;
+  uint64_t num_hits = 0, num_widened = 0;
   for (int i = 0; i < 1000000; ++i) {
     const float scale = std::exp2(float(int(rng.below(40)) - 20));
     const Vec3f shift = i % 4 ? Vec3f{0, 0, 0} : rng.point(scale * 1000);
@@ -106,7 +106,9 @@ TEST(NearRay, MeetsTheBoxesOfAcceptedTriangles)
     // On the border, where rounding decides, every other time.
     const Vec3f target = i % 2 ? corner[0] + (corner[1] - corner[0]) * u + (corner[2] - corner[0]) * v
                                : corner[0] + (corner[1] - corner[0]) * u;
-    const Vec3f from = shift + rng.point(scale * (i % 3 ? 0.8f : 8.0f));
+    const float distance = i % 3 ? 0.8f : 8.0f;
+    const float how_far = are_far ? rng.magnitude(0, 16) : 1.0f;
+    const Vec3f from = shift + rng.point(scale * distance * how_far);
     Ray ray = ray_through(from, target, rng);
     if (i % 11 == 0) {  // along an axis
       const int k = int(rng.below(3));
@@ -115,10 +117,12 @@ TEST(NearRay, MeetsTheBoxesOfAcceptedTriangles)
       ray.direction = {0, 0, 0};
       set(ray.direction, k, at(target, k) - at(from, k));
     }
-    NearRay near;
+    NearRay near = {};
     TraceRay general;
     if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, general)) continue;
-    if (!make_near_ray(ray, tree, near)) continue;
+    float widening = 0.0f;
+    if (!(are_far ? make_far_ray(ray, tree, near, widening) : make_near_ray(ray, tree, near))) continue;
+    num_widened += widening != 0.0f;
     TriangleRay<TriangleTest::Watertight> triangle_ray;
     make_triangle_ray(general, triangle_ray);
     TriangleHit hit;
@@ -127,19 +131,24 @@ TEST(NearRay, MeetsTheBoxesOfAcceptedTriangles)
     ++num_hits;
     const Box box = {min(corner[0], min(corner[1], corner[2])), max(corner[0], max(corner[1], corner[2]))};
     const BvhNode node = make_bvh_node(box, 1, box, 2, tree.frame);
-    // On the border the exact test may extrapolate the plane, so that t is told to be before the box.
-    const bool is_inner = i % 2 && std::min({u, v, 1 - u - v}) > 0.01f;
+    // On the border the exact test may extrapolate the plane, so that t is told to be before the box. What is far away has a
+    // wide border.
+    const bool is_inner = i % 2 && std::min({u, v, 1 - u - v}) > 0.01f && how_far < 64.0f;
     const float end = is_inner ? hit.t + near.end_offset : infinity;
     float enter, leave;
-    clip_near(near, node.center0, half0(node.half[0]), half0(node.half[1]), half0(node.half[2]), end, enter,
-              leave);
+    clip_near(near, node.center0, half0(node.half[0]) + widening, half0(node.half[1]) + widening,
+              half0(node.half[2]) + widening, end, enter, leave);
     ASSERT_FALSE(enter > leave) << i;
-    clip_near(near, node.center1, half1(node.half[0]), half1(node.half[1]), half1(node.half[2]), end, enter,
-              leave);
+    clip_near(near, node.center1, half1(node.half[0]) + widening, half1(node.half[1]) + widening,
+              half1(node.half[2]) + widening, end, enter, leave);
     ASSERT_FALSE(enter > leave) << i;
   }
-  EXPECT_GT(num_hits, 600000u);
+  EXPECT_GT(num_hits, are_far ? 300000u : 600000u);
+  EXPECT_EQ(num_widened > 300000u, are_far);
 }
+
+TEST(NearRay, MeetsTheBoxesOfAcceptedTriangles) { meet_boxes(false); }
+TEST(FarRay, MeetsTheBoxesOfAcceptedTriangles) { meet_boxes(true); }
 
 // What the fast kernels do not serve goes the general way: none of these is called near.
 TEST(NearRay, RefusesWhatIsNotOrdinary)
@@ -151,6 +160,11 @@ TEST(NearRay, RefusesWhatIsNotOrdinary)
   const float nan = std::nanf("");
   std::vector<Ray> bad(11, good);
   bad[0].origin.x = 1e6f;  // far away
+  float widening = 0;
+  EXPECT_TRUE(make_far_ray(bad[0], tree, near, widening));
+  EXPECT_GT(widening, 0.0f);
+  EXPECT_TRUE(make_far_ray(good, tree, near, widening));
+  EXPECT_EQ(widening, 0.0f);
   bad[1].origin.y = nan;
   bad[2].direction = {0, 0, 0};
   bad[3].direction.x = nan;
@@ -161,7 +175,11 @@ TEST(NearRay, RefusesWhatIsNotOrdinary)
   bad[8].direction = {0, 0, -1e-30f};  // scaled by the general way
   bad[9].tmin = -infinity;
   bad[10].tmax = nan;
-  for (size_t i = 0; i < bad.size(); ++i) EXPECT_FALSE(make_near_ray(bad[i], tree, near)) << i;
+  for (size_t i = 0; i < bad.size(); ++i) {
+    EXPECT_FALSE(make_near_ray(bad[i], tree, near)) << i;
+    if (i != 0) EXPECT_FALSE(make_far_ray(bad[i], tree, near, widening)) << i;
+  }
+  EXPECT_FALSE(make_far_ray({{1e16f, 0, 0}, 0.0f, {-1, 0, 0}, infinity}, tree, near, widening));
   // A tree so large that products might overflow.
   EXPECT_FALSE(make_near_ray(good, view_of({{-1e30f, -1e30f, -1e30f}, {1e30f, 1e30f, 1e30f}}), near));
 }

@@ -87,7 +87,7 @@ GPURT_INLINE uint32_t kd_quad_axis(uint32_t word) { return word >> 8 & 3u; }
 GPURT_INLINE bool make_kd_quad_ray(const Ray &ray, const KdQuadView &tree, NearRay &r, KdQuadRay &q)
 {
   NearBegin n;
-  if (!begin_near_ray(ray, tree.frame, 0x1p-18f, r, n)) return false;
+  if (!begin_near_ray(ray, tree.frame, tree.frame.reach, 0x1p-18f, r, n)) return false;
   const float unit = kd_quad_unit(tree.frame);
   q.width = n.farthest * 0x1p-17f * (1.0f + 0x1p-20f) * fast_reciprocal(unit);
   q.a = 0.0f;

@@ -2,11 +2,13 @@
 // same hits to the bit.
 //
 // It serves rays of the watertight test whose origin is near the tree: boxes are stored larger by what rounding takes up
-// to there, so that a box needs no widening of its own. Other rays, which are few, go the general way.
+// to there, so that a box needs no widening of its own. Other rays, which are few, go the general way; or, where trees are small
+// beside the scene that they are placed in, as far rays, whose boxes are widened on the way.
 //
 // In the terms of bvh_traverse.h, with M no more than half of the frame's reach, boxes are larger by 20 eps M on each side. Of
 // these 7 eps M are the triangle test's; 7 those of the box test's roundings with a reciprocal that is off by 1 ulp; and 3 those of
 // taking tmin, of at most M/|d_z|, from every distance: three sums are rounded, each by eps of what it then has of tmin.
+// Boxes of far rays are widened by 24 eps M: as much, and what rounding the sum of a half extent and that takes, eps M.
 #pragma once
 
 #include "core/accel/bvh_traverse.h"
@@ -94,10 +96,10 @@ struct NearBegin {
   float begin;  // what distances are counted from: tmin, less what `t_share` leaves to rounding
 };
 
-// False for a ray that has to go the general way, misses among them. `t_share` is of `farthest`, and is what t may be off by
-// in units of the largest |1/d|. Left to the caller are the axes.
-GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float t_share, NearRay &r,
-                                 NearBegin &n)
+// False for a ray that has to go the general way, misses among them, or from farther away than half of `reach`. `t_share` is
+// of `farthest`, and is what t may be off by in units of the largest |1/d|. Left to the caller are the axes.
+GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float reach, float t_share,
+                                 NearRay &r, NearBegin &n)
 {
   const Vec3f magnitude = abs(ray.direction);
   const float largest = max_component(magnitude);
@@ -106,7 +108,7 @@ GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float t_
   n.farthest = max_component(distance) + frame.half_extent;
   // Not a number if one of them is none, which comparisons of the largest may miss.
   const float sum = (magnitude.x + magnitude.y + magnitude.z) + (distance.x + distance.y + distance.z);
-  if (!(largest >= 0x1p-40f && largest <= 0x1p40f && sum < infinity && 2.0f * n.farthest <= frame.reach &&
+  if (!(largest >= 0x1p-40f && largest <= 0x1p40f && sum < infinity && 2.0f * n.farthest <= reach &&
         ray.tmin <= ray.tmax && abs(ray.tmin) * largest <= n.farthest))
     return false;
   r.main_axis = main_axis_of(ray.direction);
@@ -123,10 +125,9 @@ GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float t_
   return true;
 }
 
-GPURT_INLINE bool make_near_ray(const Ray &ray, const BvhView &tree, NearRay &r)
+// The axes of a bvh's boxes.
+GPURT_INLINE void clip_from(const Ray &ray, const NearBegin &n, NearRay &r)
 {
-  NearBegin n;
-  if (!begin_near_ray(ray, tree.frame, 0x1p-20f, r, n)) return false;
   const auto prepare = [&](float d, float o, float &inverse, float &size, float &shift) {
     size = min(n.limit, abs(fast_reciprocal(d)));
     inverse = d < 0.0f ? -size : size;
@@ -135,6 +136,24 @@ GPURT_INLINE bool make_near_ray(const Ray &ray, const BvhView &tree, NearRay &r)
   prepare(ray.direction.x, n.offset.x, r.inverse.x, r.size.x, r.shift.x);
   prepare(ray.direction.y, n.offset.y, r.inverse.y, r.size.y, r.shift.y);
   prepare(ray.direction.z, n.offset.z, r.inverse.z, r.size.z, r.shift.z);
+}
+
+GPURT_INLINE bool make_near_ray(const Ray &ray, const BvhView &tree, NearRay &r)
+{
+  NearBegin n;
+  if (!begin_near_ray(ray, tree.frame, tree.frame.reach, 0x1p-20f, r, n)) return false;
+  clip_from(ray, n, r);
+  return true;
+}
+
+// The same from farther away; half extents of boxes are taken larger by `widening`.
+GPURT_INLINE bool make_far_ray(const Ray &ray, const BvhView &tree, NearRay &r, float &widening)
+{
+  NearBegin n;
+  // As far as the largest trees' near rays, so that no product overflows that does not with these.
+  if (!(tree.frame.reach > 0.0f) || !begin_near_ray(ray, tree.frame, 0x1p49f, 0x1p-20f, r, n)) return false;
+  clip_from(ray, n, r);
+  widening = 2.0f * n.farthest <= tree.frame.reach ? 0.0f : n.farthest * 0x1.8p-20f;
   return true;
 }
 

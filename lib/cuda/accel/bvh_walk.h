@@ -10,7 +10,7 @@ GPURT_KERNELS_BEGIN
 #if defined(__CUDACC__)
 
 struct BvhWalk {
-  static constexpr bool is_bvh = true;
+  using Kind = NearKind<true>;
   // Blocks of a multiprocessor that registers must leave room for.
   static constexpr int plain_blocks = 10, refill_blocks = 9;
   // Of warps that refill: steps between votes, and lanes that have a node while the warp goes on stepping. Of 8 to 20 lanes
@@ -36,6 +36,7 @@ struct BvhWalk {
   __device__ __forceinline__ bool is_at_leaf() const { return is_bvh_leaf(current); }
   __device__ __forceinline__ void stop() { current = bvh_empty; }
   __device__ __forceinline__ void pop(float) { current = *--top; }
+  __device__ __forceinline__ bool is_between_trees() const { return false; }
 
   // Starts at the root. False: the ray has to go the general way.
   __device__ __forceinline__ bool begin(const TraceScene &s, const Ray &r, Entry *stack)
@@ -90,17 +91,25 @@ struct BvhWalk {
                                                     Ready &ready, unsigned lane)
   {
     if (!make_near_ray(from, s.world.tree, r)) return false;
+    keep_axes(r, ready, lane);
+    return true;
+  }
+  __device__ __forceinline__ static void keep_axes(const NearRay &r, Ready &ready, unsigned lane)
+  {
     for (int k = 0; k < 3; ++k) {
       ready.inverse[k][lane] = at(r.inverse, k);
       ready.shift[k][lane] = at(r.shift, k);
     }
-    return true;
+  }
+  __device__ __forceinline__ static void take_axes(const Ready &ready, unsigned slot, NearRay &r)
+  {
+    r.inverse = {ready.inverse[0][slot], ready.inverse[1][slot], ready.inverse[2][slot]};
+    r.size = {fabsf(r.inverse.x), fabsf(r.inverse.y), fabsf(r.inverse.z)};
+    r.shift = {ready.shift[0][slot], ready.shift[1][slot], ready.shift[2][slot]};
   }
   __device__ __forceinline__ void take(const TraceScene &s, const Ready &ready, unsigned slot, Entry *stack)
   {
-    ray.inverse = {ready.inverse[0][slot], ready.inverse[1][slot], ready.inverse[2][slot]};
-    ray.size = {fabsf(ray.inverse.x), fabsf(ray.inverse.y), fabsf(ray.inverse.z)};
-    ray.shift = {ready.shift[0][slot], ready.shift[1][slot], ready.shift[2][slot]};
+    take_axes(ready, slot, ray);
     restart(s, stack);
   }
 };

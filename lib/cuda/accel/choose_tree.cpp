@@ -88,7 +88,7 @@ TreeChoice choose_tree(const CompiledScene &scene, const TraceScene &bvh, const 
                         "has {}",
                         min_probed_triangles, max_probed_triangles, num_triangles)};
   }
-  if (!has_near_kernels(bvh)) {
+  if (!may_have_quads(bvh) || !has_near_kernels(bvh)) {
     return {false,
             "the fast kernels of kd-trees serve neither alpha masks nor placements nor other triangle tests"};
   }

@@ -38,7 +38,7 @@ __global__ void __launch_bounds__(probe_threads)
     *probed = uint32_t(2 * num_coherent > int(num_groups) ? Coherence::Coherent : Coherence::Incoherent);
 }
 
-template <TraceQuery Query, bool Bvh>
+template <TraceQuery Query, class Kind>
 __global__ void __launch_bounds__(block_size, 8)
     finish_kernel(const __grid_constant__ TraceScene s, const __grid_constant__ NearBatch batch)
 {
@@ -47,11 +47,15 @@ __global__ void __launch_bounds__(block_size, 8)
   const bool is_complete = num_leftovers <= batch.leftover_capacity;
   const uint32_t n = is_complete ? num_leftovers : batch.leftover_capacity;
   for (uint32_t k = thread; k < n; k += num_threads) {
-    const Leftover &leftover = batch.leftovers[k];
+    const auto &leftover = leftovers_of<Kind>(batch)[k];
     uint32_t count = 0;
     for (const uint32_t reference : leftover.references) count += reference != no_candidate ? 1 : 0;
-    finish_left_over<Query, Bvh>(s, batch, leftover.ray, count != 0 ? count : max_candidates + 1,
-                                 [&](uint32_t c) { return leftover.references[c]; });
+    finish_left_over<Query, Kind>(s, batch, leftover.ray, count != 0 ? count : max_candidates + 1,
+                                  [&](uint32_t c) {
+                                    uint32_t placement = invalid_id;
+                                    if constexpr (Kind::placements) placement = leftover.placements[c];
+                                    return Candidate{leftover.references[c], placement};
+                                  });
   }
   if (is_complete) return;
   for (uint32_t i = thread; i < batch.num_rays; i += num_threads) {
@@ -60,7 +64,8 @@ __global__ void __launch_bounds__(block_size, 8)
       is_unlisted = static_cast<const uint8_t *>(batch.results)[i] == unlisted_result;
     else is_unlisted = batch.candidates[i] == unlisted_left_over;
     if (is_unlisted)
-      finish_left_over<Query, Bvh>(s, batch, i, max_candidates + 1, [](uint32_t) { return 0u; });
+      finish_left_over<Query, Kind>(s, batch, i, max_candidates + 1,
+                                    [](uint32_t) { return Candidate{0, invalid_id}; });
   }
 }
 
@@ -76,8 +81,8 @@ struct ScratchLayout {
   uint64_t taken_before, leftovers, end;
 };
 
-NearBatch make_batch(const Ray *rays, uint32_t num_rays, HitLayout layout, void *results,
-                     const RayOrder &order)
+NearBatch make_batch(const TraceScene &scene, const Ray *rays, uint32_t num_rays, HitLayout layout,
+                     void *results, const RayOrder &order)
 {
   const ScratchLayout layout_of(num_rays);
   NearBatch batch{};
@@ -93,6 +98,10 @@ NearBatch make_batch(const Ray *rays, uint32_t num_rays, HitLayout layout, void 
   batch.taken_before = order.scratch + layout_of.taken_before;
   batch.leftovers = reinterpret_cast<Leftover *>(order.scratch + layout_of.leftovers);
   batch.leftover_capacity = uint32_t(layout_of.leftover_capacity);
+  if (scene.scene.num_placements != 0) {
+    batch.leftover_capacity =
+        uint32_t(layout_of.leftover_capacity * sizeof(Leftover) / sizeof(PlacedLeftover));
+  }
   return batch;
 }
 
@@ -135,12 +144,11 @@ void launch_near_finish(const TraceScene &scene, TraceQuery query, const NearBat
 {
   const uint64_t num_threads = std::min<uint64_t>(batch.num_rays, uint64_t(scene.num_sms) * 8 * block_size);
   const bool is_any = query == TraceQuery::Any;
-  const auto kernel =
-      scene.has_bvhs
-          ? (is_any ? finish_kernel<TraceQuery::Any, true> : finish_kernel<TraceQuery::Closest, true>)
-          : (is_any ? finish_kernel<TraceQuery::Any, false> : finish_kernel<TraceQuery::Closest, false>);
-  launch(is_any ? "kernel that finishes any hits" : "kernel that finishes closest hits", kernel, num_threads,
-         stream, scene, batch);
+  dispatch_near(scene, [&]<class Kind>(Kind) {
+    launch(is_any ? "kernel that finishes any hits" : "kernel that finishes closest hits",
+           is_any ? finish_kernel<TraceQuery::Any, Kind> : finish_kernel<TraceQuery::Closest, Kind>,
+           num_threads, stream, scene, batch);
+  });
 }
 
 bool suits_near_kernels(const TraceScene &scene, const Ray *rays, HitLayout layout, const void *results,
@@ -154,7 +162,8 @@ void launch_near(const TraceScene &scene, TraceQuery query, const Ray *rays, uin
                  HitLayout layout, void *results, const RayOrder &order, cudaStream_t stream)
 {
   if (num_rays == 0) return;
-  NearBatch batch = make_batch(rays, num_rays, layout, results, order);
+  NearBatch batch = make_batch(scene, rays, num_rays, layout, results, order);
+  if (!has_near_refill(scene)) return launch_bvh_masked(scene, query, batch, order.width, stream);
   const Coherence coherence = order_of(scene, query, num_rays, order.coherence);
   // Closest hits by a thread a ray leave nothing over.
   const bool has_leftovers = query == TraceQuery::Any || coherence != Coherence::Coherent;
@@ -176,7 +185,7 @@ void launch_near_persistent(const TraceScene &scene, TraceQuery query, const Ray
                             unsigned long long *num_refills, cudaStream_t stream)
 {
   if (num_rays == 0) return;
-  NearBatch batch = make_batch(rays, num_rays, layout, results, order);
+  NearBatch batch = make_batch(scene, rays, num_rays, layout, results, order);
   batch.num_refills = num_refills;
   clear_counters(order, stream);
   launch_near_refill(scene, query, batch, stream);

@@ -9,6 +9,8 @@
 // halve the speed; after it, no other warps are left to hide behind. They and any hits list them for a kernel of their own.
 #pragma once
 
+#include <type_traits>
+
 #include "core/accel/near_ray.h"
 #include "core/accel/trace.h"
 #include "cuda/accel/near.h"
@@ -38,11 +40,36 @@ struct Pending {
 };
 constexpr uint32_t pending_capacity = max_candidates + 1;
 
+// The same in scenes with placements: the candidates' placements lie pending_capacity behind their references.
+struct PlacedPending : Pending {
+  uint32_t placement;  // of the triangles that are tested; invalid_id: in world space
+  float upper;         // the least of what lowered `end`: other trees count t from elsewhere
+};
+template <class Kind>
+using PendingOf = std::conditional_t<Kind::placements, PlacedPending, Pending>;
+template <class Kind>
+constexpr uint32_t pending_words = Kind::placements ? 2 * pending_capacity : pending_capacity;
+
+struct Candidate {
+  uint32_t reference, placement;
+};
+template <class Kind>
+__device__ __forceinline__ Candidate candidate_of(const uint32_t *references, uint32_t k)
+{
+  return {references[k], Kind::placements ? references[pending_capacity + k] : invalid_id};
+}
+
 __device__ __forceinline__ void clear(Pending &pending, float tmax)
 {
   pending.count = 0;
   pending.triangle = invalid_id;
   pending.lower = tmax;
+}
+__device__ __forceinline__ void clear(PlacedPending &pending, float tmax)
+{
+  clear(static_cast<Pending &>(pending), tmax);
+  pending.placement = invalid_id;
+  pending.upper = tmax;
 }
 
 __device__ __forceinline__ LeafTriangle load_triangle(const LeafTriangle *triangles, uint32_t reference)
@@ -59,31 +86,34 @@ __device__ __forceinline__ void keep(Pending &pending, uint32_t reference)
   ++pending.count;
 }
 
+__device__ __forceinline__ void keep(PlacedPending &pending, uint32_t reference)
+{
+  pending.references[pending_capacity + min(pending.count, max_candidates)] = pending.placement;
+  keep(static_cast<Pending &>(pending), reference);
+}
+__device__ __forceinline__ void lower_upper(Pending &, float) {}
+__device__ __forceinline__ void lower_upper(PlacedPending &pending, float upper)
+{
+  pending.upper = at_most(pending.upper, upper);
+}
+
 __device__ __forceinline__ uint32_t known_triangle(const uint32_t *known, uint32_t i)
 {
   return known != nullptr ? __ldg(known + i) : invalid_id;
 }
 
-// Tests a triangle for the closest hit, and lowers `end` where it is nearer. `triangle` is its id: met again, it is known.
-__device__ __forceinline__ void closest_in_triangle(const LeafTriangle &x, uint32_t triangle,
-                                                    uint32_t reference, const NearRay &ray, float tmin,
-                                                    uint32_t left_out, float &end, Pending &pending)
+// Takes a triangle that is hit with t in the interval for the closest hit, and lowers `end` where it is nearer.
+template <class P>
+__device__ __forceinline__ void take_hit(uint32_t triangle, uint32_t reference, HitInterval t,
+                                         const NearRay &ray, float tmin, float &end, P &pending)
 {
-  HitInterval t;
-  const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
-  if (verdict == EdgeVerdict::Outside || triangle == pending.triangle || x.triangle == left_out) return;
-  if (verdict == EdgeVerdict::Unclear) {
-    keep(pending, reference | unclear_bit);
-    pending.lower = -infinity;  // may be no hit, or any: what is kept stays
-    pending.triangle = triangle;
-    return;
-  }
   if (t.lower + ray.end_offset > end || t.upper < tmin) return;
   const bool is_beyond_tmin = t.lower >= tmin;
   if (is_beyond_tmin) {
     if (t.upper < pending.lower && pending.count <= max_candidates) pending.count = 0;
     pending.lower = at_most(pending.lower, t.lower);
     end = at_most(end, t.upper + ray.end_offset);
+    lower_upper(pending, t.upper);
   } else {
     pending.lower = -infinity;
   }
@@ -91,10 +121,36 @@ __device__ __forceinline__ void closest_in_triangle(const LeafTriangle &x, uint3
   pending.triangle = triangle;
 }
 
+// Keeps a triangle that may be hit, at any t.
+template <class P>
+__device__ __forceinline__ void keep_unclear(uint32_t triangle, uint32_t reference, P &pending)
+{
+  keep(pending, reference);
+  pending.lower = -infinity;  // may be no hit, or any: what is kept stays
+  pending.triangle = triangle;
+}
+
+// Tests a triangle for the closest hit. `triangle` is its id: met again, it is known.
+template <class P>
+__device__ __forceinline__ void closest_in_triangle(const LeafTriangle &x, uint32_t triangle,
+                                                    uint32_t reference, const NearRay &ray, float tmin,
+                                                    uint32_t left_out, float &end, P &pending)
+{
+  HitInterval t;
+  const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
+  if (verdict == EdgeVerdict::Outside || triangle == pending.triangle || x.triangle == left_out) return;
+  if (verdict == EdgeVerdict::Unclear) {
+    keep_unclear(triangle, reference | unclear_bit, pending);
+    return;
+  }
+  take_hit(triangle, reference, t, ray, tmin, end, pending);
+}
+
 // True where the triangle is hit for certain; keeps one that may be.
+template <class P>
 __device__ __forceinline__ bool any_in_triangle(const LeafTriangle &x, uint32_t reference, const NearRay &ray,
                                                 float tmin, float tmax, uint32_t left_out, uint32_t ended_at,
-                                                Pending &pending)
+                                                P &pending)
 {
   HitInterval t;
   const EdgeVerdict verdict = test_near(ray, x.a, x.b, x.c, t);
@@ -147,55 +203,81 @@ struct Finished {
   uint32_t primitive;
 };
 
-// The nearest of a ray's candidates, reference(0) to reference(count - 1). False: the ray has to go the general way.
-template <bool Bvh, class Reference>
-__device__ __forceinline__ bool measure_candidates(const TraceScene &s, const Ray &ray, uint32_t count,
-                                                   Reference &&reference, Finished &finished)
+// The triangles that a placement holds, and the ray in their space; in world space, all stays as it is.
+template <class Kind>
+__device__ __forceinline__ const LeafTriangle *enter_space(const TraceScene &s, uint32_t placement, Ray &ray)
+{
+  if (!Kind::placements || placement == invalid_id) return s.near_triangles;
+  const Placement &p = s.scene.placements[placement];
+  ray.origin = transform_point(p.world_to_object, ray.origin);
+  ray.direction = transform_vector(p.world_to_object, ray.direction);
+  return s.bvhs.groups[p.group].triangles;
+}
+
+__device__ __forceinline__ TriangleRay<TriangleTest::Watertight> triangle_ray_of(const Ray &ray)
 {
   TraceRay r;
   prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r);
   TriangleRay<TriangleTest::Watertight> triangle_ray;
   make_triangle_ray(r, triangle_ray);
+  return triangle_ray;
+}
+
+// The nearest of a ray's candidates, candidate(0) to candidate(count - 1). False: the ray has to go the general way.
+template <class Kind, class CandidateAt>
+__device__ __forceinline__ bool measure_candidates(const TraceScene &s, const Ray &ray, uint32_t count,
+                                                   CandidateAt &&candidate_at, Finished &finished)
+{
+  const TriangleRay<TriangleTest::Watertight> world_ray = triangle_ray_of(ray);
   Hit &best = finished.hit;
   best = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
   finished.primitive = invalid_id;
   bool is_clear = true;
   for (uint32_t k = 0; k < count; ++k) {
-    const uint32_t candidate = reference(k);
-    const LeafTriangle x = load_triangle(s.near_triangles, candidate & ~unclear_bit);
+    const Candidate candidate = candidate_at(k);
+    Ray own = ray;
+    const LeafTriangle *triangles = enter_space<Kind>(s, candidate.placement, own);
+    const LeafTriangle x = load_triangle(triangles, candidate.reference & ~unclear_bit);
     TriangleHit hit;
-    if constexpr (Bvh) {
-      if (!intersect<EdgeRule::Inclusive>(triangle_ray, x.a, x.b, x.c, ray.tmin, ray.tmax, hit)) continue;
+    if constexpr (Kind::bvh) {
+      const auto &own_ray = Kind::placements ? triangle_ray_of(own) : world_ray;
+      if (!intersect<EdgeRule::Inclusive>(own_ray, x.a, x.b, x.c, ray.tmin, ray.tmax, hit)) continue;
     } else {
-      if ((candidate & unclear_bit) != 0) is_clear = false;
-      if (!measure(s, x, ray, hit, is_clear)) continue;
+      if ((candidate.reference & unclear_bit) != 0) is_clear = false;
+      if (!measure(s, x, own, hit, is_clear)) continue;
     }
-    if (best.triangle != invalid_id && (hit.t > best.t || (hit.t == best.t && x.triangle > best.triangle)))
-      continue;
-    best = {hit.t, hit.u, hit.v, x.triangle, invalid_id};
+    const Hit found = {hit.t, hit.u, hit.v, x.triangle, candidate.placement};
+    if (best.triangle != invalid_id && hit.t >= best.t) {
+      if (hit.t > best.t) continue;
+      if (Kind::placements ? !ids_precede(s.scene, found, best) : x.triangle > best.triangle) continue;
+    }
+    best = found;
     finished.primitive = x.primitive;
   }
   return is_clear;
 }
 
 // Finishes a ray by its candidates or, where they do not tell or there are too many, the general way.
-template <TraceQuery Query, bool Bvh, class Reference>
+template <TraceQuery Query, class Kind, class CandidateAt>
 __device__ __forceinline__ void finish_left_over(const TraceScene &s, const NearBatch &batch, uint32_t i,
-                                                 uint32_t count, Reference &&reference)
+                                                 uint32_t count, CandidateAt &&candidate_at)
 {
   constexpr bool is_any = Query == TraceQuery::Any;
   const Ray ray = load_ray(batch.rays, i, true);
   Finished finished;
-  if (count > max_candidates || !measure_candidates<Bvh>(s, ray, count, reference, finished)) {
+  if (count > max_candidates || !measure_candidates<Kind>(s, ray, count, candidate_at, finished)) {
     const auto &accel = [&]() -> const auto & {
-      if constexpr (Bvh) return s.bvhs;
+      if constexpr (Kind::bvh) return s.bvhs;
       else return s.kd_trees;
     }();
     if constexpr (is_any) {
       finished.hit.triangle =
-          trace_any<TriangleTest::Watertight, false, false>(accel, s.scene, ray) ? 0 : invalid_id;
+          trace_any<TriangleTest::Watertight, Kind::masks, Kind::placements>(accel, s.scene, ray)
+              ? 0
+              : invalid_id;
     } else {
-      finished.hit = trace_closest<TriangleTest::Watertight, false, false>(accel, s.scene, ray);
+      finished.hit =
+          trace_closest<TriangleTest::Watertight, Kind::masks, Kind::placements>(accel, s.scene, ray);
       const uint32_t triangle = finished.hit.triangle;
       finished.primitive = triangle == invalid_id ? invalid_id : primitive_of(s.scene, triangle);
     }
@@ -206,39 +288,55 @@ __device__ __forceinline__ void finish_left_over(const TraceScene &s, const Near
 }
 
 // In place, where few rays come, so that what the caller holds in registers matters more.
-template <bool Bvh>
+template <class Kind>
 __device__ __noinline__ void finish_in_place(const TraceScene &s, const NearBatch &batch, uint32_t i,
                                              uint32_t count, const uint32_t *references)
 {
-  finish_left_over<TraceQuery::Closest, Bvh>(s, batch, i, count, [&](uint32_t k) { return references[k]; });
+  finish_left_over<TraceQuery::Closest, Kind>(s, batch, i, count,
+                                              [&](uint32_t k) { return candidate_of<Kind>(references, k); });
+}
+
+template <class Kind>
+__device__ __forceinline__ auto *leftovers_of(const NearBatch &batch)
+{
+  if constexpr (Kind::placements) return static_cast<PlacedLeftover *>(static_cast<void *>(batch.leftovers));
+  else return batch.leftovers;
 }
 
 // Lists a ray for the kernel that finishes. False: there is no room.
+template <class Kind>
 __device__ __forceinline__ bool leave_over(const NearBatch &batch, uint32_t i, uint32_t count,
                                            const uint32_t *references)
 {
   const uint32_t k = atomicAdd(batch.num_leftovers, 1u);
   if (k >= batch.leftover_capacity) return false;
-  Leftover &leftover = batch.leftovers[k];
+  auto &leftover = leftovers_of<Kind>(batch)[k];
   leftover.ray = i;
-  for (uint32_t c = 0; c < max_candidates; ++c)
-    leftover.references[c] = c < count && count <= max_candidates ? references[c] : no_candidate;
+  for (uint32_t c = 0; c < max_candidates; ++c) {
+    const bool is_kept = c < count && count <= max_candidates;
+    leftover.references[c] = is_kept ? references[c] : no_candidate;
+    if constexpr (Kind::placements)
+      leftover.placements[c] = is_kept ? references[pending_capacity + c] : invalid_id;
+  }
   return true;
 }
 
 // Measures the one candidate of a ray, or none. False: the ray is left over.
+template <class Kind>
 __device__ __forceinline__ bool measure_one(const TraceScene &s, const NearBatch &batch, uint32_t i,
-                                            uint32_t reference)
+                                            Candidate candidate)
 {
   const Ray ray = load_ray(batch.rays, i, true);  // again, rather than kept in registers
   Hit best = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
   uint32_t primitive = invalid_id;
   bool is_clear = true;
-  if (reference != no_candidate) {
-    const LeafTriangle x = load_triangle(s.near_triangles, reference);
+  if (candidate.reference != no_candidate) {
+    Ray own = ray;
+    const LeafTriangle *triangles = enter_space<Kind>(s, candidate.placement, own);
+    const LeafTriangle x = load_triangle(triangles, candidate.reference);
     TriangleHit hit;
-    if (measure(s, x, ray, hit, is_clear)) {
-      best = {hit.t, hit.u, hit.v, x.triangle, invalid_id};
+    if (measure(s, x, own, hit, is_clear)) {
+      best = {hit.t, hit.u, hit.v, x.triangle, candidate.placement};
       primitive = x.primitive;
     }
   }
@@ -255,53 +353,71 @@ __device__ __forceinline__ uint32_t only_candidate(const Pending &pending)
 }
 
 // The end of a ray of closest hits, a thread a ray.
-template <bool Bvh>
+template <class Kind>
 __device__ __forceinline__ void finish_closest(const TraceScene &s, const NearBatch &batch, uint32_t i,
                                                const Pending &pending)
 {
   const uint32_t candidate = only_candidate(pending);
   uint32_t count = pending.count;
   if (candidate != left_over) {
-    if (measure_one(s, batch, i, candidate)) return;
+    const uint32_t placement = candidate_of<Kind>(pending.references, 0).placement;
+    if (measure_one<Kind>(s, batch, i, {candidate, placement})) return;
     pending.references[0] |= unclear_bit;
   }
-  finish_in_place<Bvh>(s, batch, i, count, pending.references);
+  finish_in_place<Kind>(s, batch, i, count, pending.references);
 }
 
 // The end of a ray of any hits.
+template <class Kind>
 __device__ __forceinline__ void finish_any(const NearBatch &batch, uint32_t i, bool found,
                                            const Pending &pending)
 {
   uint8_t result = found ? 1 : 0;
   if (!found && pending.count != 0) {
-    if (leave_over(batch, i, pending.count, pending.references)) return;
+    if (leave_over<Kind>(batch, i, pending.count, pending.references)) return;
     result = unlisted_result;
   }
   static_cast<uint8_t *>(batch.results)[i] = result;
 }
 
+// Where the placement of a candidate waits for measure_taken(): where the hit goes.
+__device__ __forceinline__ uint32_t &waiting_placement(const NearBatch &batch, uint32_t i)
+{
+  const uint64_t hit_size = batch.layout == HitLayout::Compact    ? sizeof(CompactHit)
+                            : batch.layout == HitLayout::Internal ? sizeof(Hit)
+                                                                  : sizeof(FullHit);
+  return static_cast<uint32_t *>(batch.results)[i * (hit_size / sizeof(uint32_t))];
+}
+
 // The end of a ray of closest hits in a warp that refills: kept for measure_taken().
+template <class Kind>
 __device__ __forceinline__ void hand_over(const NearBatch &batch, uint32_t i, const Pending &pending)
 {
   uint32_t candidate = only_candidate(pending);
-  if (candidate == left_over && !leave_over(batch, i, pending.count, pending.references))
+  if (candidate == left_over && !leave_over<Kind>(batch, i, pending.count, pending.references))
     candidate = unlisted_left_over;
   batch.candidates[i] = candidate;
+  if constexpr (Kind::placements)
+    waiting_placement(batch, i) = candidate_of<Kind>(pending.references, 0).placement;
 }
 
 // Measures what the rays of a warp found, all lanes at once, once all of them have ended: amid traversal few end at a time,
 // and its registers would be in the way. `taken` are the last 32 that the warp took, invalid_id if it took none.
+template <class Kind>
 __device__ __forceinline__ void measure_taken(const TraceScene &s, const NearBatch &batch, uint32_t taken)
 {
   __syncwarp();
   for (; taken != invalid_id; taken = batch.taken_before[taken / warp_size]) {
     const uint32_t i = taken + threadIdx.x % warp_size;
     if (i >= batch.num_rays) continue;
-    uint32_t candidate = batch.candidates[i];
+    const uint32_t candidate = batch.candidates[i];
     if (candidate == left_over || candidate == unlisted_left_over) continue;
-    if (measure_one(s, batch, i, candidate)) continue;
-    candidate |= unclear_bit;
-    if (!leave_over(batch, i, 1, &candidate)) batch.candidates[i] = unlisted_left_over;
+    const uint32_t placement = Kind::placements ? waiting_placement(batch, i) : invalid_id;
+    if (measure_one<Kind>(s, batch, i, {candidate, placement})) continue;
+    uint32_t words[pending_words<Kind>];
+    words[0] = candidate | unclear_bit;
+    if constexpr (Kind::placements) words[pending_capacity] = placement;
+    if (!leave_over<Kind>(batch, i, 1, words)) batch.candidates[i] = unlisted_left_over;
   }
 }
 

@@ -3,7 +3,7 @@
 // Source: Aila and Laine 2009, while-while.
 #pragma once
 
-#include "cuda/accel/near_lane.h"
+#include "cuda/accel/near_exact.h"
 
 namespace gpurt::cuda {
 
@@ -17,13 +17,14 @@ __global__ void __launch_bounds__(block_size, Walk::plain_blocks)
                       const __grid_constant__ TiledRows rows)
 {
   constexpr bool is_any = Query == TraceQuery::Any;
+  using Kind = typename Walk::Kind;
   if (!is_for(batch, Coherence::Coherent)) return;
   __shared__ typename Walk::Shared shared[block_size / warp_size];
   const uint32_t i = rows.ray_of(uint32_t(thread_item()));
   if (i >= batch.num_rays) return;
   bool found = false;
-  uint32_t references[pending_capacity];
-  Pending pending;
+  uint32_t references[pending_words<Kind>];
+  PendingOf<Kind> pending;
   pending.references = references;
   pending.count = max_candidates + 1;
   {
@@ -38,11 +39,19 @@ __global__ void __launch_bounds__(block_size, Walk::plain_blocks)
       for (;;) {
         while (!walk.is_at_leaf()) walk.template step<!is_any>(s, end);
         if (walk.has_ended()) break;
+        if constexpr (Kind::placements) {
+          if (walk.is_between_trees()) {
+            walk.change_tree(s, load_ray(batch.rays, i, true), is_any ? ray.tmax : pending.upper, end,
+                             pending);
+            continue;
+          }
+        }
         found = walk.test_leaf(s, [&](const LeafTriangle &x, uint32_t triangle, uint32_t reference) {
           if constexpr (is_any) {
-            return any_in_triangle(x, reference, walk.ray, ray.tmin, ray.tmax, left_out, ended_at, pending);
+            return any_in<Kind>(s, batch, i, x, reference, walk.ray, ray.tmin, ray.tmax, left_out, ended_at,
+                                pending);
           } else {
-            closest_in_triangle(x, triangle, reference, walk.ray, ray.tmin, left_out, end, pending);
+            closest_in<Kind>(s, batch, i, x, triangle, reference, walk.ray, ray.tmin, left_out, end, pending);
             return false;
           }
         });
@@ -51,8 +60,8 @@ __global__ void __launch_bounds__(block_size, Walk::plain_blocks)
       }
     }
   }
-  if constexpr (is_any) finish_any(batch, i, found, pending);
-  else finish_closest<Walk::is_bvh>(s, batch, i, pending);
+  if constexpr (is_any) finish_any<Kind>(batch, i, found, pending);
+  else finish_closest<Kind>(s, batch, i, pending);
 }
 
 template <class Walk>

@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-#include "cuda/accel/near_lane.h"
+#include "cuda/accel/near_exact.h"
 
 namespace gpurt::cuda {
 
@@ -41,8 +41,10 @@ __device__ __forceinline__ void make_ready(const TraceScene &s, const NearBatch 
     Pending general;
     general.count = max_candidates + 1;
     general.references = nullptr;
-    if constexpr (Query == TraceQuery::Any) finish_any(batch, i, false, general);
-    else batch.candidates[i] = leave_over(batch, i, general.count, nullptr) ? left_over : unlisted_left_over;
+    if constexpr (Query == TraceQuery::Any) finish_any<typename Walk::Kind>(batch, i, false, general);
+    else
+      batch.candidates[i] =
+          leave_over<typename Walk::Kind>(batch, i, general.count, nullptr) ? left_over : unlisted_left_over;
     return;
   }
   for (int k = 0; k < 3; ++k) warp.origin[k][lane] = at(r.origin, k);
@@ -63,6 +65,7 @@ __global__ void __launch_bounds__(block_size, Walk::refill_blocks)
 {
   if (!is_for(batch, Coherence::Incoherent)) return;
   constexpr bool is_any = Query == TraceQuery::Any;
+  using Kind = typename Walk::Kind;
   __shared__ typename Walk::Shared shared[block_size / warp_size];
   __shared__ WarpRays<Walk> warps[block_size / warp_size];
   const unsigned lane = threadIdx.x % warp_size;
@@ -72,8 +75,8 @@ __global__ void __launch_bounds__(block_size, Walk::refill_blocks)
   unsigned num_taken = warp_size;
   bool is_pool_empty = false;
   uint32_t i = invalid_id;
-  uint32_t references[pending_capacity];
-  Pending pending;
+  uint32_t references[pending_words<Kind>];
+  PendingOf<Kind> pending;
   pending.references = references;
   bool found = false;
   float end = 0, tmin = 0, tmax = 0;
@@ -85,8 +88,8 @@ __global__ void __launch_bounds__(block_size, Walk::refill_blocks)
     const unsigned idle = __ballot_sync(~0u, walk.has_ended());
     if (idle == ~0u || (!is_pool_empty && __popc(idle) >= refill_at)) {
       if (walk.has_ended() && i != invalid_id) {
-        if constexpr (is_any) finish_any(batch, i, found, pending);
-        else hand_over(batch, i, pending);
+        if constexpr (is_any) finish_any<Kind>(batch, i, found, pending);
+        else hand_over<Kind>(batch, i, pending);
         i = invalid_id;
       }
       if (is_pool_empty) break;  // then all are idle
@@ -131,12 +134,16 @@ __global__ void __launch_bounds__(block_size, Walk::refill_blocks)
         if (!walk.is_at_leaf()) walk.template step<!is_any>(s, end);
       }
     } while (__popc(__ballot_sync(~0u, !walk.is_at_leaf())) >= Walk::stepping_until);
-    if (walk.is_at_leaf() && !walk.has_ended()) {
+    if constexpr (Kind::placements) {
+      if (walk.is_at_leaf() && !walk.has_ended() && walk.is_between_trees())
+        walk.change_tree(s, load_ray(batch.rays, i, true), is_any ? tmax : pending.upper, end, pending);
+    }
+    if (walk.is_at_leaf() && !walk.has_ended() && !walk.is_between_trees()) {
       found = walk.test_leaf(s, [&](const LeafTriangle &x, uint32_t triangle, uint32_t reference) {
         if constexpr (is_any) {
-          return any_in_triangle(x, reference, walk.ray, tmin, tmax, left_out, ended_at, pending);
+          return any_in<Kind>(s, batch, i, x, reference, walk.ray, tmin, tmax, left_out, ended_at, pending);
         } else {
-          closest_in_triangle(x, triangle, reference, walk.ray, tmin, left_out, end, pending);
+          closest_in<Kind>(s, batch, i, x, triangle, reference, walk.ray, tmin, left_out, end, pending);
           return false;
         }
       });
@@ -146,7 +153,7 @@ __global__ void __launch_bounds__(block_size, Walk::refill_blocks)
   }
   if (batch.num_refills != nullptr && lane == 0)
     atomicAdd(batch.num_refills, static_cast<unsigned long long>(warp.num_refills));
-  if constexpr (!is_any) measure_taken(s, batch, taken);
+  if constexpr (!is_any) measure_taken<Kind>(s, batch, taken);
 }
 
 template <class Walk>

@@ -11,7 +11,7 @@ GPURT_KERNELS_BEGIN
 #if defined(__CUDACC__)
 
 struct QuadWalk {
-  static constexpr bool is_bvh = false;
+  using Kind = NearKind<false>;
   static constexpr int plain_blocks = 9, refill_blocks = 8;
   static constexpr int steps = 2, stepping_until = 12;
 
@@ -42,6 +42,7 @@ struct QuadWalk {
   __device__ __forceinline__ bool has_ended() const { return current == kd_quad_end; }
   __device__ __forceinline__ bool is_at_leaf() const { return int(current) < 0; }
   __device__ __forceinline__ void stop() { current = kd_quad_end; }
+  __device__ __forceinline__ bool is_between_trees() const { return false; }
   // To what was left and begins before `end`, or the end.
   __device__ __forceinline__ void pop(float end)
   {

@@ -116,7 +116,7 @@ class Pool {
         stream_(stream),
         counters_(counters),
         has_near_((memory.tracer() == nullptr || memory.tracer()->takes_known_triangles()) &&
-                  has_near_kernels(scene))
+                  has_near_kernels_for_paths(scene))
   {}
 
   bool has_near() const { return has_near_; }

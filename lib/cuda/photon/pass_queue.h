@@ -20,7 +20,7 @@ struct PassQueue {
   // Where the photons' numbers, those of eye paths, and what passes are made with go in it.
   static constexpr uint64_t eye_numbers = 256, passes = 512, pinned_bytes = 4096;
 
-  bool has_near() const { return has_near_kernels(scene); }
+  bool has_near() const { return has_near_kernels_for_paths(scene); }
   bool is_cancelled() const { return cancelled != nullptr && cancelled->load(std::memory_order_relaxed); }
   void mark(PhotonLap lap) { clock.mark(stream, lap); }
 

@@ -1,6 +1,9 @@
 // The kernels of closest hits that walk a tree in one loop, and the fast ones, compiled once more to count lanes.
 #include "cuda/accel/counting/lane_counts.h"
 // The kernels.
+#include "cuda/accel/bvh_masked.cu"
+#include "cuda/accel/bvh_placed_plain.cu"
+#include "cuda/accel/bvh_placed_refill.cu"
 #include "cuda/accel/bvh_plain.cu"
 #include "cuda/accel/bvh_refill.cu"
 #include "cuda/accel/closest.cu"

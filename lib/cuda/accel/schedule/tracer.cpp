@@ -142,7 +142,8 @@ void ScheduledTracer::trace_persistent(const TraceScene &scene, const RayBatch &
   void *results = is_any ? batch.occluded : batch.hits;
   const RayOrder order{Coherence::Incoherent, 0, scratch_.data(), known.left_out, known.ended_at};
   const bool is_unknown = known.leave_surfaces && known.left_out == nullptr;
-  if (!is_unknown && suits_near_kernels(scene, batch.rays, batch.layout, results, order)) {
+  if (!is_unknown && has_near_refill(scene) &&
+      suits_near_kernels(scene, batch.rays, batch.layout, results, order)) {
     for (uint64_t first = 0; first < batch.num_rays; first += scratch_rays_) {
       const RayBatch part = part_of(batch, first, scratch_rays_);
       RayOrder part_order = order;
