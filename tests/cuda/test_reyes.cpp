@@ -405,5 +405,19 @@ TEST(Reyes, AtTheEyeDoesNotDependOnTheNumberOfThreads)
                   {reyes_picture(48, 40, 9)});
 }
 
+// Tests of two devices: scripts/gpu expects them where there are two.
+TEST(CudaPair, RendersReyesToTheBitsOfOneDevice)
+{
+  if (num_cuda_devices() < 2) GTEST_SKIP() << "no two CUDA devices";
+  const Device one = make_device(GPURT_DEVICE_CUDA), two = make_cuda_devices({1, 0});
+  const uint32_t width = uint32_t(amount(1280, 160)), height = uint32_t(amount(720, 90));
+  ReyesPicture with_light = reyes_picture(width, height, 4),
+               with_slots = reyes_picture(width, height, 9, 1.0f);
+  with_light.options.reyes.no_shadows = 1;
+  with_slots.options.reyes.fragment_slots = 2;
+  for (void (*fill)(gpurt_scene) : {fill_cornell_box, fill_everything, fill_veiled_everything})
+    compare_devices(one, two, fill, {with_light, with_slots, reyes_picture(width, height, 2)});
+}
+
 }  // namespace
 }  // namespace gpurt_test
