@@ -1254,8 +1254,8 @@ typedef struct gpurt_reyes_settings {
   gpurt_reyes_shading shading;
   uint32_t no_shadows; /* 1: nothing stands between a surface and a light */
   float flatness; /* > 0: micropolygons may be larger where they stay within so many pixels of the surface */
-  /* 0: a sample keeps all fragments of surfaces that blend. Above 0, at most 64: a study variant, the fixed A-buffer: those
-     that come first, so many of them; the others are lost, and counted. */
+  /* 0: a sample keeps all fragments of surfaces that blend. Above 0, at most 64: a study variant, the fixed A-buffer: the
+     nearest ones, so many of them; the others are lost, and counted. */
   uint32_t fragment_slots;
 } gpurt_reyes_settings;
 #define GPURT_REYES_SETTINGS_INIT {0, GPURT_REYES_FILTER_AUTO, GPURT_REYES_SHADING_AUTO, 0, 0, 0}

@@ -257,12 +257,8 @@ inline void CommittedScene::require_reyes() const
 }
 
 inline ReyesSchedule CommittedScene::resolve_reyes_schedule(const Schedule &asked,
-                                                            const ReyesSettings &settings) const
+                                                            const ReyesSettings &) const
 {
-  if (settings.fragment_slots != 0) {
-    fail(GPURT_ERROR_UNSUPPORTED, "reyes.fragment_slots is {}, which this version does not have; set it to 0",
-         settings.fragment_slots);
-  }
   if ((asked.launch != Launch::Auto && asked.launch != Launch::Regular) ||
       (asked.traversal != Traversal::Auto && asked.traversal != Traversal::Stack)) {
     fail(GPURT_ERROR_UNSUPPORTED,

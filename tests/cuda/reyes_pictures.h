@@ -63,6 +63,7 @@ inline void compare(gpurt_scene expected, gpurt_scene tested, const ReyesPicture
   EXPECT_EQ(t.num_nonfinite, s.num_nonfinite);
   EXPECT_EQ(t.largest_sample, s.largest_sample);
   EXPECT_EQ(t.reyes_counters.num_shaded, s.reyes_counters.num_shaded);
+  EXPECT_EQ(t.reyes_counters.num_lost_fragments, s.reyes_counters.num_lost_fragments);
   ReyesPicture cut = p;
   cut.options.tile_size = 29;
   const uint32_t x = p.options.width / 3, y = p.options.height / 2;

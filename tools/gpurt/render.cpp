@@ -283,7 +283,7 @@ void add_render_command(CLI::App &program)
       ->type_name("PIXELS");
   command
       ->add_option("--fragment-slots", o->fragment_slots,
-                   "reyes: samples keep so many surfaces that blend, a study variant; 0: all")
+                   "reyes: samples keep the nearest N surfaces that blend, a study variant; 0: all")
       ->check(CLI::Range(0, 64))
       ->type_name("N");
   command->add_flag("--no-shadows", o->no_shadows, "reyes: nothing stands between surfaces and lights");

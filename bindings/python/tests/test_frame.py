@@ -251,11 +251,12 @@ def test_pipelines_that_do_not_exist_yet(box):
 
 def test_reyes(box):
     frame = gpurt.Frame(box, width=16, height=16)
-    frame.submit("reyes", spp=4, reyes={"filter": "mitchell", "shadows": False}).wait()
+    frame.submit("reyes", spp=4, reyes={"filter": "mitchell", "shadows": False, "fragment_slots": 3}).wait()
     statistics = frame.statistics
     assert statistics.pipeline == "reyes"
     assert statistics.reyes == {"shading_rate": 0.25, "filter": "mitchell", "shading": "samples", "shadows": False,
-                                "flatness": 0, "fragment_slots": 0}
+                                "flatness": 0, "fragment_slots": 3}
+    assert statistics.reyes_counters["num_lost_fragments"] == 0
     assert statistics.reyes_counters["num_triangles"] > 0
     assert statistics.photon == {}
     with pytest.raises(gpurt.InvalidArgument, match="filter"):

@@ -3,6 +3,9 @@
 // Fragments are counted, and then kept in exactly as much memory. A bucket that has more than there is room for is done in
 // quarters; one of smallest_blend_edge pixels is peeled: passes that keep the nearest layers behind those that a sample has
 // had. Every way shades the same fragments in the same order, so that memory changes no bit.
+//
+// With ReyesSettings::fragment_slots it is the fixed A-buffer: one pass, in which a sample keeps its nearest fragments, as many
+// as it has slots, and the others are lost.
 #pragma once
 
 #include "core/reyes/filter.h"
@@ -75,25 +78,28 @@ class BlendedBucket {
   {
     const uint32_t width = bucket.x1 - bucket.x0, height = bucket.y1 - bucket.y0;
     const uint32_t num_samples = uint32_t(uint64_t(width) * height * bucket.num_samples);
+    const bool is_smallest = width <= smallest_blend_edge && height <= smallest_blend_edge;
+    // How many slots there are is known without a look.
+    const uint64_t num_slots = uint64_t(num_samples) * reyes_.fragment_slots;
+    if (num_slots > blend_.capacity && !is_smallest) {
+      run_quarters(bucket);
+      return;
+    }
     find_(bucket, nullptr);
     for (uint32_t k = 0; k < num_samples; ++k) blend_.count[k] = 0;
-    FragmentSink sink{FragmentSink::Mode::Count, 0,          blend_.count, blend_.first,
-                      blend_.fragments,          blend_.last};
+    FragmentSink sink{FragmentSink::Mode::Count, 0,           blend_.count, blend_.first,
+                      blend_.fragments,          blend_.last, nullptr};
+    if (num_slots != 0) {
+      begin(bucket, num_samples);
+      fill_slots(bucket, num_samples, sink);
+      end(bucket, num_samples);
+      return;
+    }
     find_(bucket, &sink);
-    uint64_t total = 0;
-    for (uint32_t k = 0; k < num_samples; ++k) total += blend_.count[k];
+    const uint64_t total = num_kept(num_samples);
     counters_.num_fragments += total;
-    if (total > blend_.capacity && (width > smallest_blend_edge || height > smallest_blend_edge)) {
-      const uint32_t x = width > smallest_blend_edge ? bucket.x0 + width / 2 : bucket.x1;
-      const uint32_t y = height > smallest_blend_edge ? bucket.y0 + height / 2 : bucket.y1;
-      for (uint32_t row = 0; row < 2; ++row) {
-        for (uint32_t column = 0; column < 2; ++column) {
-          ReyesBucket part = bucket;
-          (column == 0 ? part.x1 : part.x0) = x;
-          (row == 0 ? part.y1 : part.y0) = y;
-          if (part.x0 < part.x1 && part.y0 < part.y1) run(part);
-        }
-      }
+    if (total > blend_.capacity && !is_smallest) {
+      run_quarters(bucket);
       return;
     }
     begin(bucket, num_samples);
@@ -117,6 +123,53 @@ class BlendedBucket {
   }
 
  private:
+  void run_quarters(const ReyesBucket &bucket)
+  {
+    const uint32_t width = bucket.x1 - bucket.x0, height = bucket.y1 - bucket.y0;
+    const uint32_t x = width > smallest_blend_edge ? bucket.x0 + width / 2 : bucket.x1;
+    const uint32_t y = height > smallest_blend_edge ? bucket.y0 + height / 2 : bucket.y1;
+    for (uint32_t row = 0; row < 2; ++row) {
+      for (uint32_t column = 0; column < 2; ++column) {
+        ReyesBucket part = bucket;
+        (column == 0 ? part.x1 : part.x0) = x;
+        (row == 0 ? part.y1 : part.y0) = y;
+        if (part.x0 < part.x1 && part.y0 < part.y1) run(part);
+      }
+    }
+  }
+
+  uint64_t num_kept(uint32_t num_samples) const
+  {
+    uint64_t total = 0;
+    for (uint32_t k = 0; k < num_samples; ++k) total += blend_.count[k];
+    return total;
+  }
+
+  // The fixed A-buffer: what is behind a sample's last slot is lost.
+  void fill_slots(const ReyesBucket &bucket, uint32_t num_samples, FragmentSink sink)
+  {
+    uint64_t num_lost = 0;
+    sink.num_lost = &num_lost;
+    put_layers(bucket, num_samples, reyes_.fragment_slots, sink);
+    const uint64_t kept = num_kept(num_samples);
+    counters_.num_fragments += kept + num_lost;
+    counters_.num_lost_fragments += num_lost;
+    counters_.largest_fragments = max(counters_.largest_fragments, kept);
+    blend(bucket, num_samples, ~0u);
+  }
+
+  // Of each sample, the nearest fragments behind those that it has had.
+  void put_layers(const ReyesBucket &bucket, uint32_t num_samples, uint32_t layers, FragmentSink &sink)
+  {
+    sink.mode = FragmentSink::Mode::Peel;
+    sink.layers = layers;
+    for (uint32_t k = 0; k < num_samples; ++k) {
+      blend_.first[k] = k * layers;
+      blend_.count[k] = 0;
+    }
+    find_(bucket, &sink);
+  }
+
   void begin(const ReyesBucket &bucket, uint32_t num_samples)
   {
     const PathUnit unit = unit_of(bucket);
@@ -135,14 +188,10 @@ class BlendedBucket {
 
   void peel(const ReyesBucket &bucket, uint32_t num_samples, FragmentSink sink)
   {
-    sink.mode = FragmentSink::Mode::Peel;
-    sink.layers = uint32_t(blend_.capacity / num_samples);
-    for (uint32_t k = 0; k < num_samples; ++k) blend_.first[k] = k * sink.layers;
-    for (bool goes_on = true; goes_on;) {
-      for (uint32_t k = 0; k < num_samples; ++k) blend_.count[k] = 0;
-      find_(bucket, &sink);
-      goes_on = blend(bucket, num_samples, sink.layers);
-    }
+    const uint32_t layers = uint32_t(blend_.capacity / num_samples);
+    do {
+      put_layers(bucket, num_samples, layers, sink);
+    } while (blend(bucket, num_samples, layers));
   }
 
   // Shades what samples have, and what lies behind it unless they have `limit` fragments and more may come. Returns whether

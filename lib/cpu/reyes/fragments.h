@@ -16,6 +16,7 @@ struct FragmentSink {
   uint32_t *first;       // Keep: of a sample's fragments
   Fragment *fragments;   // Peel: a sample's begin at slot * layers
   const Fragment *last;  // Peel: the last one that a sample has had; z 0: none
+  uint64_t *num_lost;    // Peel: counts those that a sample has no room for; null: they are looked for again
 
   void take(uint32_t slot, const Fragment &f) const
   {
@@ -28,6 +29,7 @@ struct FragmentSink {
         return;
       case Mode::Peel:
         if (last[slot].z > 0.0f && !precedes(last[slot], f)) return;
+        if (num_lost != nullptr && count[slot] == layers) ++*num_lost;
         count[slot] = insert_fragment(fragments + size_t(slot) * layers, count[slot], layers, f);
     }
   }

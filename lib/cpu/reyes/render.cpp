@@ -154,6 +154,7 @@ RenderCounters counters_from(const ReyesKernelCounters &k, uint64_t num_samples)
   r.num_shaded = k.num_shaded;
   r.largest_queue = k.largest_queue;
   r.largest_fragments = k.largest_fragments;
+  r.num_lost_fragments = k.num_lost_fragments;
   r.split_seconds = k.split_seconds;
   r.dice_seconds = k.dice_seconds;
   r.sample_seconds = k.sample_seconds;
@@ -216,7 +217,8 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
       num_fragments =
           std::min(num_fragments, left / 4 / uint64_t(arena.max_concurrency()) / sizeof(Fragment));
     }
-    num_fragments = std::max(num_fragments, most_samples * smallest_blend_edge * smallest_blend_edge);
+    num_fragments = std::max(num_fragments, most_samples * smallest_blend_edge * smallest_blend_edge *
+                                                std::max(reyes.fragment_slots, 1u));
     scratch_bytes += uint64_t(arena.max_concurrency()) * num_fragments * sizeof(Fragment);
   }
   const Reservation reserved(memory, scratch_bytes, "rendering's working memory");

@@ -52,7 +52,7 @@ struct PointMemory {
 struct BlendMemory {
   Fragment *fragments;
   uint64_t
-      capacity;  // of these: one at least for each sample of smallest_blend_edge x smallest_blend_edge pixels
+      capacity;  // of these: one at least, or all slots, for each sample of smallest_blend_edge x smallest_blend_edge pixels
   uint32_t *count;     // of a sample's fragments
   uint32_t *first;     // of them
   Fragment *last;      // the last one that was shaded
@@ -69,7 +69,7 @@ constexpr uint32_t smallest_blend_edge = 8;
 // What a thread spent and did.
 struct ReyesKernelCounters {
   uint64_t num_patches, num_triangles, num_splits, num_culled, num_grids, num_micropolygons, num_fragments,
-      num_shaded, largest_queue, largest_fragments;
+      num_shaded, largest_queue, largest_fragments, num_lost_fragments;
   double split_seconds, dice_seconds, sample_seconds;
   PathKernelCounters path;  // of shading
 };

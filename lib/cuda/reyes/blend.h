@@ -21,7 +21,6 @@ struct Blending {
   SampleBlend *samples;
   uint32_t num_samples;
   uint32_t is_first;  // of a sample's fragments none were blended before these
-  uint32_t is_last;   // what does not blend, or the background, lies behind them
   // Where rays are needed: shares of what is shown, which `kept` is reduced to, and of what lies behind it; what a sample shows.
   float *shares, *behind;
   uint32_t *num_shown;
@@ -35,11 +34,13 @@ uint64_t fragment_scan_bytes(uint64_t n);
 void launch_sum_fragments(const FragmentView &view, uint64_t *first, uint32_t n, void *scan_memory,
                           uint64_t scan_bytes, ReyesNumbers *numbers, cudaStream_t stream);
 
-/// Finds the largest part from slot `begin` on that has room for its fragments, or one sample: numbers->part_...
+/// Finds the largest part from slot `begin` on that has room for its fragments, or, where the first sample alone has more,
+/// at most `most_peeled` samples: numbers->part_...
 void launch_find_part(const SampleGrid &grid, const uint64_t *first, uint32_t begin, uint64_t capacity,
-                      ReyesNumbers *numbers, cudaStream_t stream);
+                      uint32_t most_peeled, ReyesNumbers *numbers, cudaStream_t stream);
 
-/// Blends the samples of the view, and shades on the way what needs no ray.
+/// Blends the samples of the view, and shades on the way what needs no ray. What does not blend, or the background, lies behind
+/// a sample's fragments, but for samples that have all of the view's slots and want what is behind: numbers->num_open.
 void launch_blend_at_once(const Blending &blending, cudaStream_t stream);
 
 /// The same up to shading: sorts fragments and finds the shares of what is shown, numbers->num_items in all.

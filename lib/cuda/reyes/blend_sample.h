@@ -61,6 +61,48 @@ __device__ inline SampleBlend begin_blend(const Blending &b, const EyeSample &e,
   return {vec3(0.0f), 1.0f, sample_2d(e.key, dim_standing).x, {infinity, 0.0f, 0.0f, invalid_id, invalid_id}};
 }
 
+// A sample's fragments of the view: n of them from `first` on.
+struct FragmentRun {
+  uint64_t first;
+  uint32_t n;
+};
+
+__device__ inline FragmentRun run_of_sample(const FragmentView &view, uint32_t slot)
+{
+  if (view.slots.layers == 0) {
+    const uint64_t first = view.first[slot - view.origin];
+    return {first - view.base, uint32_t(view.first[slot - view.origin + 1] - first)};
+  }
+  FragmentRun run{uint64_t(slot - view.begin) * view.slots.layers, view.slots.layers};
+  while (run.n != 0 && view.slots.keys[run.first + run.n - 1] == 0) --run.n;
+  return run;
+}
+
+__device__ inline KeptFragment fragment_at(const FragmentView &view, uint64_t i)
+{
+  if (view.slots.layers == 0) return view.kept[i];
+  const unsigned long long key = view.slots.keys[i];
+  const Vec2f place = place_from_key(view.slots.places[i]);
+  return {float_from_bits(uint32_t(key >> 32)), ~uint32_t(key), place.x, place.y};
+}
+
+__device__ inline FragmentMark mark_of(const KeptFragment &f)
+{
+  return {static_cast<unsigned long long>(float_bits(f.z)) << 32 | uint32_t(~f.root),
+          static_cast<unsigned long long>(place_key({f.u, f.v}))};
+}
+
+__device__ inline void set_fragment_at(const FragmentView &view, uint64_t i, const KeptFragment &f)
+{
+  if (view.slots.layers == 0) {
+    view.kept[i] = f;
+    return;
+  }
+  const FragmentMark mark = mark_of(f);
+  view.slots.keys[i] = mark.key;
+  view.slots.places[i] = mark.place;
+}
+
 // Blends a sample's fragments of the view, and what lies behind them: show(hit, share, fragment) is called for all that is
 // seen, from front to back; `fragment`: null for what does not blend.
 template <class Show>
@@ -68,17 +110,17 @@ __device__ __forceinline__ void blend_sample(const Blending &b, const EyeSample 
                                              const Show &show)
 {
   const FragmentView &view = b.fragments;
-  const uint64_t first = view.first[e.slot - view.origin];
-  const uint32_t n = uint32_t(view.first[e.slot - view.origin + 1] - first);
-  KeptFragment *const kept = view.kept + (first - view.base);
-  if (n > 1) sort_fragments(kept, n);
+  const FragmentSlots &slots = view.slots;
+  const FragmentRun run = run_of_sample(view, e.slot);
+  if (slots.layers == 0 && run.n > 1) sort_fragments(view.kept + run.first, run.n);
   KeptFragment last{0.0f, 0, 0.0f, 0.0f};
+  bool is_open = false;
   for (uint32_t i = 0; state.through > least_through;) {
     Hit hit;
     float opacity = 1.0f;
     const KeptFragment *fragment = nullptr;
-    if (i < n) {
-      const KeptFragment f = kept[i++];
+    if (i < run.n) {
+      const KeptFragment f = fragment_at(view, run.first + i++);
       // One that comes twice.
       if (last.z > 0.0f && !precedes(last, f)) continue;
       last = f;
@@ -87,7 +129,8 @@ __device__ __forceinline__ void blend_sample(const Blending &b, const EyeSample 
       if (!(opacity > 0.0f)) continue;
       fragment = &last;
     } else {
-      if (b.is_last == 0) return;
+      is_open = slots.had != nullptr && run.n == slots.layers;
+      if (is_open) break;
       hit = opaque_hit(b.eye, e);
     }
     const float share = state.through * opacity;
@@ -99,6 +142,10 @@ __device__ __forceinline__ void blend_sample(const Blending &b, const EyeSample 
     show(hit, share, fragment);
     state.through *= 1.0f - opacity;
   }
+  if (slots.had == nullptr) return;
+  // Of samples that have all, nothing is behind the mark.
+  slots.had[e.slot - view.begin] = is_open ? mark_of(last) : FragmentMark{0, 0};
+  if (is_open) atomicAdd(&b.eye.numbers->num_open, 1u);
 }
 
 // Of the lanes of a warp, into a number of all.

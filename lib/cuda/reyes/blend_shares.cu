@@ -15,10 +15,10 @@ __global__ void __launch_bounds__(block_size) find_shares(const __grid_constant_
   float behind = 0.0f;
   if (is_in_view(b.fragments, e.slot)) {
     SampleBlend state = begin_blend(b, e, uint32_t(k));
-    const uint64_t first = b.fragments.first[e.slot - b.fragments.origin] - b.fragments.base;
+    const uint64_t first = run_of_sample(b.fragments, e.slot).first;
     blend_sample(b, e, state, [&](const Hit &, float share, const KeptFragment *fragment) {
       if (fragment != nullptr) {
-        b.fragments.kept[first + num_shown] = *fragment;
+        set_fragment_at(b.fragments, first + num_shown, *fragment);
         b.shares[first + num_shown] = share;
       } else {
         behind = share;
@@ -57,8 +57,8 @@ __global__ void __launch_bounds__(block_size)
     if (share > 0.0f && item + 1 == b.first_shown[k + 1] - b.first_shown[k]) {
       hit = opaque_hit(b.eye, e);
     } else {
-      const uint64_t at = b.fragments.first[e.slot - b.fragments.origin] - b.fragments.base + item;
-      hit = fragment_hit(b.eye, e, b.fragments.kept[at]);
+      const uint64_t at = run_of_sample(b.fragments, e.slot).first + item;
+      hit = fragment_hit(b.eye, e, fragment_at(b.fragments, at));
       share = b.shares[at];
     }
     wave.rays.rays[i] = e.ray;

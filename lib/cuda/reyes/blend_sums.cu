@@ -23,7 +23,7 @@ __global__ void store_sum(const uint64_t *first, uint32_t n, ReyesNumbers *numbe
 
 // One thread. Samples of a pixel are one run; those of its cells too.
 __global__ void find_part(const __grid_constant__ SampleGrid grid, const uint64_t *first, uint32_t begin,
-                          uint64_t capacity, ReyesNumbers *numbers)
+                          uint64_t capacity, uint32_t most_peeled, ReyesNumbers *numbers)
 {
   uint32_t lo = begin + 1, hi = grid.num_samples;
   // The largest end whose fragments have room.
@@ -32,6 +32,7 @@ __global__ void find_part(const __grid_constant__ SampleGrid grid, const uint64_
     if (first[middle] - first[begin] <= capacity) lo = middle;
     else hi = middle - 1;
   }
+  if (first[lo] - first[begin] > capacity) lo += min(most_peeled - 1, grid.num_samples - lo);
   const int32_t s = cell_shift(grid);
   const uint32_t num_pixels = uint32_t(grid.cells_x >> s) * uint32_t(grid.cells_y >> s);
   const auto pixel_of = [&](uint32_t slot) {
@@ -69,10 +70,10 @@ void launch_sum_fragments(const FragmentView &view, uint64_t *first, uint32_t n,
 }
 
 void launch_find_part(const SampleGrid &grid, const uint64_t *first, uint32_t begin, uint64_t capacity,
-                      ReyesNumbers *numbers, cudaStream_t stream)
+                      uint32_t most_peeled, ReyesNumbers *numbers, cudaStream_t stream)
 {
   launch_blocks("REYES' samples whose fragments have room", find_part, 1, 1, stream, grid, first, begin,
-                capacity, numbers);
+                capacity, most_peeled, numbers);
 }
 
 }  // namespace gpurt::cuda

@@ -1,4 +1,5 @@
-// Stage 'sample' of what blends and is not a grid of tiny micropolygons. Opacity is looked up later, once for each fragment.
+// Stage 'sample' of what blends and is not a grid of tiny micropolygons. Opacity is looked up later, once for each fragment, but
+// by looks of slots, which are for what shows something.
 #include "cuda/reyes/sample_any.h"
 #include "cuda/reyes/sample_spread.h"
 #include "cuda/reyes/sample_triangles.h"
@@ -35,9 +36,13 @@ __global__ void __launch_bounds__(block_size) fragments_of_large(const __grid_co
 void launch_fragments_of_rest(const ReyesBatch &batch, Look look, cudaStream_t stream)
 {
   choose_fragment_kernel(look, [&](auto kind) {
-    launch_persistent("REYES stages 'dice' and 'sample', fragments of any micropolygons",
+    launch_persistent(is_of_slots(look)
+                          ? "REYES stages 'dice' and 'sample', fragments of any micropolygons in slots"
+                          : "REYES stages 'dice' and 'sample', fragments of any micropolygons",
                       fragments_of_rest<kind.value>, uint64_t(batch.leaf_capacity) * 32, stream, batch);
-    launch_persistent("REYES stage 'sample', fragments of micropolygons of some pixels",
+    launch_persistent(is_of_slots(look)
+                          ? "REYES stage 'sample', fragments of micropolygons of some pixels in slots"
+                          : "REYES stage 'sample', fragments of micropolygons of some pixels",
                       fragments_of_spread<kind.value>, uint64_t(batch.spread_capacity) * 32, stream, batch);
   });
 }
@@ -45,8 +50,9 @@ void launch_fragments_of_rest(const ReyesBatch &batch, Look look, cudaStream_t s
 void launch_fragments_of_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream)
 {
   choose_fragment_kernel(look, [&](auto kind) {
-    launch_persistent("REYES stage 'sample', fragments of triangles", fragments_of_triangles<kind.value>,
-                      uint64_t(1) << 30, stream, batch);
+    launch_persistent(is_of_slots(look) ? "REYES stage 'sample', fragments of triangles in slots"
+                                        : "REYES stage 'sample', fragments of triangles",
+                      fragments_of_triangles<kind.value>, uint64_t(1) << 30, stream, batch);
   });
 }
 
@@ -54,8 +60,9 @@ void launch_fragments_of_large(const ReyesBatch &batch, Look look, cudaStream_t 
 {
   launch_count_large_parts(batch, stream);
   choose_fragment_kernel(look, [&](auto kind) {
-    launch_persistent("REYES stage 'sample', fragments of large triangles", fragments_of_large<kind.value>,
-                      uint64_t(1) << 30, stream, batch);
+    launch_persistent(is_of_slots(look) ? "REYES stage 'sample', fragments of large triangles in slots"
+                                        : "REYES stage 'sample', fragments of large triangles",
+                      fragments_of_large<kind.value>, uint64_t(1) << 30, stream, batch);
   });
 }
 

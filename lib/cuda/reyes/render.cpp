@@ -98,7 +98,7 @@ class ReyesRenderer {
                           num_samples, num_cells, has_masks, lane.to_device);
     if (reyes_.has_blending)
       work->blended.emplace(memory_, num_samples, std::max(max_fragments >> level, min_fragments),
-                            needs_rays_);
+                            pass_.reyes->fragment_slots, needs_rays_);
     if (pass_.reyes->lights_by_rays != 0) work->points.emplace(memory_, num_samples);
     const uint32_t wave_paths = std::max(max_wave_paths >> level, min_wave_paths);
     if (needs_rays_)
@@ -206,10 +206,6 @@ class ReyesRenderer {
 
 ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings &settings)
 {
-  if (settings.fragment_slots != 0) {
-    fail(GPURT_ERROR_UNSUPPORTED, "reyes.fragment_slots is {}, which this version does not have; set it to 0",
-         settings.fragment_slots);
-  }
   ReyesSchedule s{asked.launch, asked.traversal};
   set_default(s.split, Launch::Rounds);
   set_default(s.stages, Traversal::Stack);

@@ -165,7 +165,7 @@ __device__ __forceinline__ bool hand_on_spread(const ReyesBatch &b, const WarpGr
     to.x[i] = g.x[k[i]];
     to.y[i] = g.y[k[i]];
     to.z[i] = g.z[k[i]];
-    if constexpr (look == Look::Spots || look == Look::Keep || has_masks)
+    if constexpr (look == Look::Spots || look == Look::Keep || is_of_slots(look) || has_masks)
       to.places[i] = place_of_vertex(g, k[i]);
   }
   to.middle = look == Look::Spots ? kept_middle(b, g, quad.a) : no_middle();
@@ -252,7 +252,7 @@ __device__ __forceinline__ void sample_rest_of(const ReyesBatch &b)
     }
     __syncwarp();
   }
-  if (look == Look::Nearest || look == Look::Count) add_of_lanes(&b.numbers->num_fragments, num_fragments);
+  if (is_counted<look>(b)) add_of_lanes(&b.numbers->num_fragments, num_fragments);
 }
 
 }  // namespace gpurt::cuda

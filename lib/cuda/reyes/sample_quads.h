@@ -239,9 +239,10 @@ __device__ __forceinline__ void put_spots(const ReyesBatch &b, const WarpGrid &g
 }
 
 // Fragments of the last n of the samples that were seen, at most a warp's: a micropolygon that is not convex may be two.
+template <Look look>
 __device__ __forceinline__ void keep_fragments(const ReyesBatch &b, const WarpGrid &g,
                                                const SeenSamples &seen, uint32_t root, uint32_t first,
-                                               uint32_t n, uint32_t lane)
+                                               uint32_t n, uint32_t lane, uint32_t &num_fragments)
 {
   __syncwarp();
   const uint32_t i = first + (lane < n ? lane : 0), width = (1u << g.piece.grid_u) + 1;
@@ -262,9 +263,20 @@ __device__ __forceinline__ void keep_fragments(const ReyesBatch &b, const WarpGr
     if (!(z > 0.0f && is_fragment(b, slot, root, z))) continue;
     const WarpPlaces &p = seen.places;
     const Vec2f corners[3] = {{p.u[k[0]], p.v[k[0]]}, {p.u[k[1]], p.v[k[1]]}, {p.u[k[2]], p.v[k[2]]}};
-    put<Look::Keep>(b, slot, root, z, cover_uv(t, corners, z, share_b, share_c));
+    const Vec2f at = cover_uv(t, corners, z, share_b, share_c);
+    if constexpr (is_of_slots(look)) {
+      if (!is_for_slots<look>(b, slot, root, z, at)) continue;
+      num_fragments += 1;
+    }
+    put<look>(b, slot, root, z, at);
   }
   __syncwarp();
+}
+
+// Whether a look finds out where on their root samples lie.
+GPURT_INLINE constexpr bool collects_samples(Look look)
+{
+  return look == Look::Spots || look == Look::Keep || is_of_slots(look);
 }
 
 // `light`: packed, of micropolygons with light of their own; `seen`: of looks for spots or fragments. Both else null.
@@ -273,9 +285,10 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
                                              uint32_t leaf, uint32_t root, const WarpLight *light,
                                              SeenSamples *seen, uint32_t lane, uint32_t &num_fragments)
 {
-  constexpr bool collects = look == Look::Spots || look == Look::Keep, has_light = look == Look::OwnLight;
+  constexpr bool collects = collects_samples(look), has_light = look == Look::OwnLight;
   const auto put_last = [&](uint32_t first, uint32_t n) {
-    if constexpr (look == Look::Keep) keep_fragments(b, g, *seen, root, first, n, lane);
+    if constexpr (look == Look::Keep || is_of_slots(look))
+      keep_fragments<look>(b, g, *seen, root, first, n, lane, num_fragments);
     else if constexpr (look == Look::Spots) put_spots(b, g, *seen, first, n, lane);
   };
   const uint32_t num_u = 1u << g.piece.grid_u, width = num_u + 1,
@@ -380,7 +393,7 @@ struct GridCounts {
 template <Look look, class Walk>
 __device__ __forceinline__ void sample_grids_of(const ReyesBatch &b)
 {
-  constexpr bool collects = look == Look::Spots || look == Look::Keep, has_light = look == Look::OwnLight;
+  constexpr bool collects = collects_samples(look), has_light = look == Look::OwnLight;
   __shared__ WarpLight lights[has_light ? block_size / 32 : 1];
   __shared__ WarpGrid grids[block_size / 32];
   __shared__ SeenSamples seen_samples[collects ? block_size / 32 : 1];
@@ -403,7 +416,7 @@ __device__ __forceinline__ void sample_grids_of(const ReyesBatch &b)
     if constexpr (has_light) counts.shaded += shade_grid(b, g, root, *light, lane);
     sample_quads<look, Walk>(b, g, is_in_front, leaf, root, light, seen, lane, counts.fragments);
   }
-  if (!collects) counts.add_to(*b.numbers);
+  if (is_counted<look>(b)) counts.add_to(*b.numbers);
 }
 
 }  // namespace gpurt::cuda

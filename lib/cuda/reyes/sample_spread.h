@@ -53,7 +53,7 @@ __device__ __forceinline__ void sample_spread_of(const ReyesBatch &b)
                                 q.middle, num_fragments);
                           });
   }
-  if (look == Look::Nearest || look == Look::Count) add_of_lanes(&b.numbers->num_fragments, num_fragments);
+  if (is_counted<look>(b)) add_of_lanes(&b.numbers->num_fragments, num_fragments);
 }
 
 }  // namespace gpurt::cuda

@@ -77,7 +77,7 @@ __device__ __forceinline__ void sample_triangles_of(const ReyesBatch &b)
         },
         no_middle(), num_fragments);
   }
-  if (look == Look::Nearest || look == Look::Count) add_of_lanes(&b.numbers->num_fragments, num_fragments);
+  if (is_counted<look>(b)) add_of_lanes(&b.numbers->num_fragments, num_fragments);
 }
 
 // Rows of pixels that a warp looks at together, and in each of them the pixels that a large triangle may cover.
@@ -213,7 +213,7 @@ __device__ __forceinline__ void sample_large_of(const ReyesBatch &b)
       break;
     }
   }
-  if (look == Look::Nearest || look == Look::Count) add_of_lanes(&b.numbers->num_fragments, num_fragments);
+  if (is_counted<look>(b)) add_of_lanes(&b.numbers->num_fragments, num_fragments);
 }
 
 }  // namespace gpurt::cuda

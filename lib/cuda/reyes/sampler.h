@@ -46,8 +46,28 @@ __device__ __forceinline__ bool is_wanted(const ReyesBatch &b, uint32_t slot, ui
 __device__ __forceinline__ bool is_fragment(const ReyesBatch &b, uint32_t slot, uint32_t root, float z)
 {
   const FragmentView &f = b.fragments;
+  return slot - f.begin < f.end - f.begin && sample_key_of(z, root) > b.samples.keys[slot];
+}
+
+// Whether a look of slots wants a fragment of the part: it shows something, lies behind what the sample has had, and may
+// still find a slot, or has one. Where nothing has been had, those without a slot are wanted too: they are counted.
+template <Look look>
+__device__ __forceinline__ bool is_for_slots(const ReyesBatch &b, uint32_t slot, uint32_t root, float z,
+                                             Vec2f at)
+{
+  const FragmentSlots &s = b.fragments.slots;
+  const uint32_t i = slot - b.fragments.begin;
   const unsigned long long key = sample_key_of(z, root);
-  return slot - f.begin < f.end - f.begin && key > f.behind && key <= f.last && key > b.samples.keys[slot];
+  if (look == Look::Places || s.had != nullptr) {
+    // Slots only ever take what is nearer: one that is too far now will be.
+    if (key < __ldcg(s.keys + uint64_t(i) * s.layers + (s.layers - 1))) return false;
+  }
+  if (s.had != nullptr) {
+    const FragmentMark had = s.had[i];
+    if (key > had.key || (key == had.key && place_key(at) <= had.place)) return false;
+  }
+  const Hit hit = hit_of_root(b.scene, root, at.x, at.y, 0.0f);
+  return opacity_at(b.scene.scene, hit.triangle, hit.u, hit.v) > 0.0f;
 }
 
 // Whether a sample that is covered takes the surface, and where on it it lies. The first time samples keep what is
@@ -62,18 +82,31 @@ __device__ __forceinline__ bool is_taken(const ReyesBatch &b, uint32_t slot, uin
   if constexpr (is_of_fragments(look)) {
     if (!is_fragment(b, slot, root, z)) return false;
   }
-  if constexpr (look == Look::Spots || look == Look::Keep || has_masks) at = place();
-  if constexpr (has_masks) {
+  if constexpr (look == Look::Spots || look == Look::Keep || is_of_slots(look) || has_masks) at = place();
+  if constexpr (is_of_slots(look)) {
+    return is_for_slots<look>(b, slot, root, z, at);
+  } else if constexpr (has_masks) {
     const Hit hit = hit_of_root(b.scene, root, at.x, at.y, 0.0f);
     if (!(opacity_at(b.scene.scene, hit.triangle, hit.u, hit.v) > 0.0f)) return false;
   }
   return true;
 }
 
+// Whether a look counts the samples that take a triangle.
+GPURT_INLINE constexpr bool counts_takers(Look look) { return look == Look::Count || look == Look::Slots; }
+
 // Whether a look counts a sample that a triangle covers, or that takes it.
 __device__ __forceinline__ constexpr bool counts_fragment(Look look, bool covers, bool takes)
 {
-  return look == Look::Count ? takes : (look == Look::Nearest && covers);
+  return counts_takers(look) ? takes : (look == Look::Nearest && covers);
+}
+
+// Whether what a look counts is what statistics tell: looks that come again count nothing.
+template <Look look>
+__device__ __forceinline__ bool is_counted(const ReyesBatch &b)
+{
+  if constexpr (look == Look::Slots) return b.fragments.slots.had == nullptr;
+  return look == Look::Nearest || look == Look::OwnLight || look == Look::Count;
 }
 
 // Puts a fragment into the next place of those that were counted for its sample.
@@ -99,12 +132,58 @@ __device__ __forceinline__ Vec2f kept_place(Vec2f at, Vec2f middle)
   return look == Look::Spots && middle.x >= 0.0f ? middle : at;
 }
 
+// The first slot that a key may belong to: those before it hold as much or more. Slots are in descending order at all times, and
+// what each holds only grows, so that nothing changes that while others write.
+__device__ __forceinline__ uint32_t first_slot_below(const unsigned long long *keys, uint32_t layers,
+                                                     unsigned long long key)
+{
+  uint32_t lo = 0, hi = layers;
+  while (lo < hi) {
+    const uint32_t middle = (lo + hi) / 2;
+    if (__ldcg(keys + middle) >= key) lo = middle + 1;
+    else hi = middle;
+  }
+  return lo;
+}
+
+// Slots keep the largest keys in descending order: what a key displaces goes on to the next slot. Each slot ends with the
+// largest of the keys that came by, and passes all others on, so that what is kept does not depend on the order. Fixed
+// A-buffers that take a place by a counter keep what came first instead, which changes from run to run.
+// Source: Liu et al. 2010, FreePipe: fragments in sorted arrays by atomic minima.
+__device__ inline void put_into_slots(const ReyesBatch &b, uint32_t slot, unsigned long long key)
+{
+  const FragmentSlots &s = b.fragments.slots;
+  unsigned long long *keys = s.keys + uint64_t(slot - b.fragments.begin) * s.layers;
+  for (uint32_t i = first_slot_below(keys, s.layers, key); i < s.layers; ++i) {
+    const unsigned long long old = atomicMax(keys + i, key);
+    if (old == 0) return;
+    key = old < key ? old : key;
+  }
+  if (s.had == nullptr) atomicAdd(&b.numbers->num_lost_fragments, 1ull);
+}
+
+// The same of places, among the slots that have the fragment's key.
+__device__ inline void put_place_of_slots(const ReyesBatch &b, uint32_t slot, unsigned long long key,
+                                          unsigned long long place)
+{
+  const FragmentSlots &s = b.fragments.slots;
+  const uint64_t first = uint64_t(slot - b.fragments.begin) * s.layers;
+  for (uint32_t i = first_slot_below(s.keys + first, s.layers, key + 1);
+       i < s.layers && s.keys[first + i] == key; ++i) {
+    const unsigned long long old = atomicMin(s.places + first + i, place);
+    if (old == ~0ull) return;
+    place = old > place ? old : place;
+  }
+}
+
 template <Look look>
 __device__ __forceinline__ void put(const ReyesBatch &b, uint32_t slot, uint32_t root, float z, Vec2f at)
 {
   if constexpr (look == Look::Spots) atomicMin(b.samples.spots + slot, place_key(at));
   else if constexpr (look == Look::Count) atomicAdd(b.fragments.count + (slot - b.fragments.origin), 1u);
   else if constexpr (look == Look::Keep) keep_fragment(b, slot, {z, root, at.x, at.y});
+  else if constexpr (look == Look::Slots) put_into_slots(b, slot, sample_key_of(z, root));
+  else if constexpr (look == Look::Places) put_place_of_slots(b, slot, sample_key_of(z, root), place_key(at));
   else atomicMax(b.samples.keys + slot, sample_key_of(z, root));
 }
 
@@ -197,7 +276,7 @@ __device__ __forceinline__ void sample_one(const ReyesBatch &b, uint32_t root, b
                                return cover_uv(t[i], corners, z[i], share_b[i], share_c[i]);
                              },
                              at);
-      if constexpr (look == Look::Count) num_fragments += takes ? 1 : 0;
+      if constexpr (counts_takers(look)) num_fragments += takes ? 1 : 0;
       __syncwarp();
       if (takes) put<look>(b, slot, root, z[i], kept_place<look>(at, middle));
     }
@@ -399,12 +478,14 @@ void choose_kernel(Look look, bool has_masks, const Launch &launch_kernel)
   }
 }
 
-/// The same for Look::Count or Look::Keep.
+/// The same for looks of fragments.
 template <class Launch>
 void choose_fragment_kernel(Look look, const Launch &launch_kernel)
 {
   if (look == Look::Count) launch_kernel(std::integral_constant<Look, Look::Count>());
-  else launch_kernel(std::integral_constant<Look, Look::Keep>());
+  else if (look == Look::Keep) launch_kernel(std::integral_constant<Look, Look::Keep>());
+  else if (look == Look::Slots) launch_kernel(std::integral_constant<Look, Look::Slots>());
+  else launch_kernel(std::integral_constant<Look, Look::Places>());
 }
 
 }  // namespace gpurt::cuda

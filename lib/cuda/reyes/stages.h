@@ -71,10 +71,14 @@ struct SpreadQuad {
 };
 
 /// A look at the micropolygons is for what is nearest, for where on it samples lie, for what is nearest with its light, or,
-/// of surfaces that blend, for the number of fragments, or for these.
-enum class Look : uint32_t { Nearest, Spots, OwnLight, Count, Keep };
+/// of surfaces that blend, for the number of fragments, for these, for the nearest ones in slots, or for where these lie.
+enum class Look : uint32_t { Nearest, Spots, OwnLight, Count, Keep, Slots, Places };
 
-GPURT_INLINE constexpr bool is_of_fragments(Look look) { return look == Look::Count || look == Look::Keep; }
+GPURT_INLINE constexpr bool is_of_slots(Look look) { return look == Look::Slots || look == Look::Places; }
+GPURT_INLINE constexpr bool is_of_fragments(Look look)
+{
+  return look == Look::Count || look == Look::Keep || is_of_slots(look);
+}
 
 /// A surface that blends, as a sample sees it.
 struct alignas(16) KeptFragment {
@@ -83,7 +87,20 @@ struct alignas(16) KeptFragment {
   float u, v;  // place on it
 };
 
-/// Fragments of samples [begin, end) of a grid, of those that lie between two keys.
+/// The last fragment that a sample has had: those behind it have smaller keys or, of equal keys, larger places.
+struct FragmentMark {
+  unsigned long long key, place;
+};
+
+/// Slots for the nearest fragments of samples: those of sample s begin at (s - begin) * layers.
+struct FragmentSlots {
+  uint32_t layers;             // of a sample; 0: there are no slots
+  unsigned long long *keys;    // of fragments, in descending order; 0: the slot is empty
+  unsigned long long *places;  // place_key; all bits set: not known yet
+  FragmentMark *had;           // [s - begin]: what is behind is wanted; null: all is
+};
+
+/// Fragments of samples [begin, end) of a grid.
 struct FragmentView {
   uint32_t *
       count;  // [slot - origin]: how many a sample has; once there is room for them, how many are still to come
@@ -93,7 +110,7 @@ struct FragmentView {
   uint64_t capacity;  // of kept
   uint32_t origin;
   uint32_t begin, end;
-  unsigned long long behind, last;  // keys above the one and up to the other
+  FragmentSlots slots;
 };
 
 /// What the stages count, in device memory.
@@ -119,8 +136,9 @@ struct ReyesNumbers {
   uint32_t num_misplaced;  // fragments that had not been counted: never
   unsigned long long part_first, part_fragments;
   uint32_t num_items;  // that a part shows: fragments and what lies behind them
+  uint32_t num_open;   // samples whose slots are full, and may have more to show
   unsigned long long num_patches, num_triangles_seen, num_splits, num_culled, num_grids, num_micropolygons,
-      num_fragments, num_shaded, split_rounds, num_donated, num_switches;
+      num_fragments, num_lost_fragments, num_shaded, split_rounds, num_donated, num_switches;
 };
 
 /// A batch of roots on its way through the stages, and the group of samples that it is for.
@@ -203,7 +221,7 @@ void launch_sample_rest(const ReyesBatch &batch, Look look, cudaStream_t stream)
 void launch_sample_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_sample_large(const ReyesBatch &batch, Look look, cudaStream_t stream);
 
-/// The same of roots that blend, for Look::Count and Look::Keep.
+/// The same of roots that blend, for looks of fragments.
 void launch_fragments_of_grids(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_fragments_of_rest(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_fragments_of_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream);

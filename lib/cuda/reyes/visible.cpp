@@ -249,6 +249,12 @@ void VisibleSamples::split(const ReyesNumbers *last, cudaStream_t stream)
   mark(Stage::Split, stream);
 }
 
+// Whether a look is the first one at the group's fragments.
+bool VisibleSamples::counts_fragments(Look look) const
+{
+  return look == Look::Count || (look == Look::Slots && batch_.fragments.slots.had == nullptr);
+}
+
 // What the lists hold goes into the samples. Once they have gone through it, it is known which of them are empty.
 void VisibleSamples::sample(Look look, cudaStream_t stream, bool has_triangles)
 {
@@ -305,13 +311,13 @@ void VisibleSamples::run_batch(uint64_t first, Look look, cudaStream_t stream, R
     sample_rest(look, done, stream);
     const bool is_finished = done.waiting == 0 && done.next_slot == done.num_slots;
     // Unless the first look counted both kinds.
-    if (is_finished && (is_first_look || (look == Look::Count && !(is_whole && has_opaque_)))) {
+    if (is_finished && (is_first_look || (counts_fragments(look) && !(is_whole && has_opaque_)))) {
       counters.num_patches += done.num_slots;
       counters.num_triangles += done.num_triangles;
       counters.largest_bucket = std::max<uint64_t>(counters.largest_bucket, n);
     }
     has_all_ = is_first && is_finished && is_whole && !is_narrow_ &&
-               (is_first_look || (look == Look::Count && !has_opaque_));
+               (is_first_look || (counts_fragments(look) && !has_opaque_));
     batch_numbers_ = done;
     if (is_finished) return;
     check(cudaMemsetAsync(&numbers->num_leaves, 0, sizeof numbers->num_leaves, stream), "cudaMemsetAsync");
@@ -371,7 +377,7 @@ bool VisibleSamples::look_at_fragments(Look look, const FragmentView &view, uint
     // The numbers of the first look are of the other kind of roots; those of the second one are known.
     mark(Stage::None, stream);
     sample(look, stream, true);
-    if (look == Look::Count) {
+    if (counts_fragments(look)) {
       const ReyesNumbers done = read_numbers(stream);
       batch_numbers_.num_rest = done.num_rest;
       batch_numbers_.num_large = done.num_large;
@@ -382,7 +388,7 @@ bool VisibleSamples::look_at_fragments(Look look, const FragmentView &view, uint
   if (y1 - y0 == 1) batch_.rect = rect_of_pixels(first_pixel % width, y0, last_pixel % width + 1, y1);
   else batch_.rect = rect_of_pixels(0, y0, width, y1);
   ReyesCounters again;
-  return run_batches(look, cancelled, stream, look == Look::Count ? counters : again);
+  return run_batches(look, cancelled, stream, counts_fragments(look) ? counters : again);
 }
 
 EyeHits VisibleSamples::eye_hits(const PathSettings &settings) const
@@ -418,6 +424,7 @@ void VisibleSamples::collect(cudaStream_t stream, RenderCounters &counters)
   r.num_grids += n.num_grids;
   r.num_micropolygons += n.num_micropolygons;
   r.num_fragments += n.num_fragments;
+  r.num_lost_fragments += n.num_lost_fragments;
   r.num_shaded += n.num_shaded;
   r.split_rounds += n.split_rounds;
   r.num_donated += n.num_donated;

@@ -49,7 +49,7 @@ class VisibleSamples {
   bool find(const WorkUnit &group, const PathSettings &settings, const std::atomic<bool> *cancelled,
             cudaStream_t stream, ReyesCounters &counters);
 
-  /// Counts or keeps fragments of surfaces that blend, of the group's samples in the view, all of which lie in the pixels
+  /// Looks at fragments of surfaces that blend, of the group's samples in the view, all of which lie in the pixels
   /// [first_pixel, last_pixel] of the grid; false if `cancelled` became true on the way.
   bool look_at_fragments(Look look, const FragmentView &view, uint32_t first_pixel, uint32_t last_pixel,
                          const std::atomic<bool> *cancelled, cudaStream_t stream, ReyesCounters &counters);
@@ -83,6 +83,7 @@ class VisibleSamples {
   void place(const WorkUnit &group, const PathSettings &settings, cudaStream_t stream);
   RasterRect rect_of_pixels(uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1) const;
   void split(const ReyesNumbers *last, cudaStream_t stream);
+  bool counts_fragments(Look look) const;
   void sample(Look look, cudaStream_t stream, bool has_triangles);
   void sample_rest(Look look, const ReyesNumbers &numbers, cudaStream_t stream);
   void run_batch(uint64_t first, Look look, cudaStream_t stream, ReyesCounters &counters);

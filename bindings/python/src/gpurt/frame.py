@@ -203,7 +203,7 @@ class Frame:
             filter ("box", "gaussian", "mitchell"), shading ("samples", "micropolygons", "blocks"), shadows (False:
             nothing stands between a surface and a light), flatness (> 0: micropolygons may be larger where they stay
             within so many pixels of the surface), fragment_slots (a study variant: of surfaces that blend
-            a sample keeps so many; 0: all). As for photon.
+            a sample keeps the nearest, so many; 0: all). As for photon.
 
         Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,
         and the image has the same bits as if it had run at once. Jobs of one frame run one after another. A job

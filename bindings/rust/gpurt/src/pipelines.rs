@@ -124,8 +124,8 @@ pub struct ReyesSettings {
     pub no_shadows: bool,
     /// Above 0, micropolygons may be larger where they stay within so many pixels of the surface.
     pub flatness: f32,
-    /// 0: a sample keeps all fragments of surfaces that blend. Above 0, at most 64: a study variant, the fixed A-buffer: those
-    /// that come first, so many of them; the others are lost, and counted.
+    /// 0: a sample keeps all fragments of surfaces that blend. Above 0, at most 64: a study variant, the fixed A-buffer: the
+    /// nearest ones, so many of them; the others are lost, and counted.
     pub fragment_slots: u32,
 }
 
