@@ -115,18 +115,21 @@ bool BlendedSamples::fill_slots(const Part &part, const FragmentView &view)
   return part.look(Look::Slots, view) && part.look(Look::Places, view);
 }
 
-// Some sample of the view has more fragments than there is room for: the nearest layers at a time.
-bool BlendedSamples::peel(const Part &part, FragmentView view)
+// Some sample of the view has more fragments than there is room for: the nearest layers at a time, until the view's
+// `num_fragments` have had their turn.
+bool BlendedSamples::peel(const Part &part, FragmentView view, uint64_t num_fragments)
 {
-  const uint64_t layers = capacity_ / (view.end - view.begin);
-  view.slots = slots_for(view, uint32_t(std::min<uint64_t>(layers, most_peeled_layers)), had_);
+  const uint64_t layers = std::min<uint64_t>(capacity_ / (view.end - view.begin), most_peeled_layers);
+  view.slots = slots_for(view, uint32_t(layers), had_);
   check(cudaMemsetAsync(had_, 0xff, (view.end - view.begin) * sizeof *had_, part.stream), "cudaMemsetAsync");
   uint32_t *num_open = &part.blending.eye.numbers->num_open;
-  for (bool is_first = true;; is_first = false) {
+  const uint64_t most_turns = num_fragments / layers + 1;
+  for (uint64_t turn = 0; turn != most_turns; ++turn) {
     check(cudaMemsetAsync(num_open, 0, sizeof *num_open, part.stream), "cudaMemsetAsync");
-    if (!fill_slots(part, view) || !blend(part, view, is_first)) return false;
+    if (!fill_slots(part, view) || !blend(part, view, turn == 0)) return false;
     if (part.visible.read_numbers(part.stream).num_open == 0) return true;
   }
+  fail(GPURT_ERROR_INTERNAL, "layers of surfaces that blend came up that had not been counted");
 }
 
 // All fragments of the group's samples, in as many turns as it takes.
@@ -156,7 +159,7 @@ bool BlendedSamples::blend_all(Part part, FragmentView view)
     view.base = found.part_first;
     if (found.part_fragments > capacity_) {
       largest = std::max(largest, capacity_);
-      if (!peel(part, view)) return false;
+      if (!peel(part, view, found.part_fragments)) return false;
     } else {
       largest = std::max<uint64_t>(largest, found.part_fragments);
       if (!part.look(Look::Keep, view) || !blend(part, view, true)) return false;

@@ -43,7 +43,7 @@ class BlendedSamples {
   bool blend(const Part &part, const FragmentView &view, bool is_first);
   FragmentSlots slots_for(const FragmentView &view, uint32_t layers, FragmentMark *had);
   bool fill_slots(const Part &part, const FragmentView &view);
-  bool peel(const Part &part, FragmentView view);
+  bool peel(const Part &part, FragmentView view, uint64_t num_fragments);
   bool blend_all(Part part, FragmentView view);
   bool blend_slots(const Part &part, FragmentView view);
 
