@@ -140,9 +140,13 @@ FrameState state_from(const Header &h)
   s.triangle_test = TriangleTest(h.triangle_test);
   s.totals.pipeline = gpurt_pipeline(h.pipeline);
   s.totals.max_depth = h.max_depth;
-  s.totals.reyes = {
-      h.reyes_shading_rate, ReyesFilter(h.reyes_filter), ReyesShading(h.reyes_shading), h.reyes_no_shadows,
-      h.reyes_flatness,     h.reyes_fragment_slots};
+  s.totals.reyes = {h.reyes_shading_rate,
+                    ReyesFilter(h.reyes_filter),
+                    ReyesShading(h.reyes_shading),
+                    h.reyes_no_shadows,
+                    h.reyes_flatness,
+                    h.reyes_fragment_slots,
+                    0};  // the last one is found anew
   RenderCounters &c = s.totals.counters;
   c.num_samples = h.num_samples;
   c.num_camera_rays = h.num_camera_rays;

@@ -262,7 +262,7 @@ inline std::vector<Hit> brute_force_all(const SceneView &scene, const Ray &ray)
     h.t = caller_t(r, h.t);
     hits.push_back(h);
   };
-  AllVisitor<true, decltype(sink)> visitor{&scene, r.tmax, sink};
+  AllVisitor<true, decltype(sink)> visitor{&scene, r.tmax, sink, 0};
   visit_all_triangles<TriangleTest::Watertight, EdgeRule::HalfOpen>(scene, r, visitor);
   std::sort(hits.begin(), hits.end(), [&](const Hit &a, const Hit &b) { return hit_precedes(scene, a, b); });
   return hits;

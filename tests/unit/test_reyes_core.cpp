@@ -134,7 +134,9 @@ TEST(ReyesFilters, ReachAsFarAsTheySay)
     }
     EXPECT_GE(lowest, -reach);
     EXPECT_LT(highest, 1 + reach);
-    if (reach > 0) EXPECT_LT(lowest, 1 - reach);
+    if (reach > 0) {
+      EXPECT_LT(lowest, 1 - reach);
+    }
   }
 }
 

@@ -241,7 +241,8 @@ class BlendedBucket {
                       vec3(0.0f),
                       vec3(0.0f),
                       sample_key(settings_.seed, settings_.frame_index, s.x, s.y, s.sample),
-                      0};
+                      0,
+                      medium_air};
     blend_.owner[i] = slot;
     counters_.num_shaded += root != invalid_id;
     // The surface that stands for the sample is each with the probability of its share.
