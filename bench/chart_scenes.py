@@ -87,7 +87,7 @@ def main():
     p.add_argument("--repeats", type=int, default=1, help="seeds (default 1)")
     p.add_argument("--device", default="auto")
     p.add_argument("--settings", action="append", help="as of python -m gpurt.chart")
-    options = p.parse_args()
+    options = p.parse_intermixed_args()
     index = options.folder / "reference" / "references.json"
     references = json.loads(index.read_text(encoding="utf-8"))
     deepest = max(r["max_depth"] for r in references.values())

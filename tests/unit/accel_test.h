@@ -247,7 +247,7 @@ Hit brute_force(const SceneView &scene, const Ray &ray)
   const Hit miss = {ray.tmax, 0, 0, invalid_id, invalid_id};
   TraceRay r;
   if (!prepare_ray(ray.origin, ray.direction, ray.tmin, ray.tmax, r)) return miss;
-  ClosestVisitor<true> visitor{&scene, r.tmax, miss};
+  ClosestVisitor<true> visitor{&scene, r.tmax, miss, 0};
   visit_all_triangles<Test, EdgeRule::Inclusive>(scene, r, visitor);
   if (visitor.best.triangle != invalid_id) visitor.best.t = caller_t(r, visitor.best.t);
   return visitor.best;

@@ -69,7 +69,9 @@ TEST(BvhGroups, OrderedIntegersAreInTheOrderOfFloats)
   for (size_t i = 0; i < std::size(values); ++i) {
     EXPECT_EQ(float_bits(cuda::float_from_ordered(cuda::ordered_from_float(values[i]))),
               float_bits(values[i]));
-    if (i != 0) EXPECT_LT(cuda::ordered_from_float(values[i - 1]), cuda::ordered_from_float(values[i]));
+    if (i != 0) {
+      EXPECT_LT(cuda::ordered_from_float(values[i - 1]), cuda::ordered_from_float(values[i]));
+    }
   }
 }
 
