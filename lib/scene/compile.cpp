@@ -350,9 +350,8 @@ class Compiler {
     out_.has_emission_textures = true;
     std::vector<Vec3f> &colors = lamp_colors_[s.first_triangle];
     if (!colors.empty()) return colors;
-    auto texture = lamp_textures_.find(m.emission_texture);
-    if (texture == lamp_textures_.end())
-      texture = lamp_textures_.try_emplace(m.emission_texture, out_.textures[m.emission_texture]).first;
+    const LampTexture &texture =
+        lamp_textures_.try_emplace(m.emission_texture, out_.textures[m.emission_texture]).first->second;
     colors.resize(s.num_triangles);
     parallel_for_each(s.num_triangles, [&](uint64_t t) {
       Vec2f uv[3] = {};
@@ -361,7 +360,7 @@ class Compiler {
         const UInt3 corner = out_.indices[s.first_triangle + t];
         uv[0] = uvs[corner.x], uv[1] = uvs[corner.y], uv[2] = uvs[corner.z];
       }
-      const Vec3f mean = texture->second.mean(uv);
+      const Vec3f mean = texture.mean(uv);
       // What shines must not have the power 0 by rounding, nor one whose inverse is infinite.
       for (int c = 0; c < 3; ++c) {
         const float color = at(m.emission, c) * at(mean, c);

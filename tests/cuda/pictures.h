@@ -46,6 +46,27 @@ inline uint32_t add_texture(gpurt_scene scene, gpurt_texture_format format, uint
   return id;
 }
 
+/// A mesh with texture coordinates of its places: scaled x, and scaled y + z. `smooth`: with the normals of a sphere about the
+/// origin.
+inline uint32_t add_textured_mesh(gpurt_scene scene, const Mesh &mesh, uint32_t material,
+                                  std::array<float, 2> scale, bool smooth = false)
+{
+  std::vector<std::array<float, 2>> uvs;
+  for (const Vec &v : mesh.vertices) uvs.push_back({scale[0] * v[0], scale[1] * (v[1] + v[2])});
+  gpurt_mesh_desc desc = GPURT_MESH_DESC_INIT;
+  desc.material = material;
+  desc.vertices.data = mesh.vertices.data();
+  desc.vertices.count = mesh.vertices.size();
+  desc.indices.data = mesh.triangles.data();
+  desc.indices.count = mesh.triangles.size();
+  desc.uvs.data = uvs.data();
+  desc.uvs.count = uvs.size();
+  if (smooth) desc.normals = desc.vertices;
+  uint32_t geometry = 0;
+  GPURT_EXPECT_OK(gpurt_scene_add_mesh(scene, &desc, &geometry));
+  return geometry;
+}
+
 /// Everything that a scene can have: each material, textures in each format, wrap and filter, alpha masks, smooth
 /// normals, shared and mirrored instances, lamps that are shared, each punctual light, an environment image, patches.
 inline void fill_everything(gpurt_scene scene)
@@ -77,19 +98,7 @@ inline void fill_everything(gpurt_scene scene)
     return id;
   };
   const auto add = [&](const Mesh &mesh, uint32_t material, bool smooth, float uv_scale, bool with_instance) {
-    std::vector<std::array<float, 2>> uvs;
-    for (const Vec &v : mesh.vertices) uvs.push_back({uv_scale * v[0], uv_scale * (v[1] + v[2])});
-    gpurt_mesh_desc desc = GPURT_MESH_DESC_INIT;
-    desc.material = material;
-    desc.vertices.data = mesh.vertices.data();
-    desc.vertices.count = mesh.vertices.size();
-    desc.indices.data = mesh.triangles.data();
-    desc.indices.count = mesh.triangles.size();
-    desc.uvs.data = uvs.data();
-    desc.uvs.count = uvs.size();
-    if (smooth) desc.normals = desc.vertices;  // of a sphere about the origin
-    uint32_t geometry = 0;
-    GPURT_EXPECT_OK(gpurt_scene_add_mesh(scene, &desc, &geometry));
+    const uint32_t geometry = add_textured_mesh(scene, mesh, material, {uv_scale, uv_scale}, smooth);
     if (with_instance) place(scene, geometry, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0});
     return geometry;
   };
@@ -192,20 +201,8 @@ inline void fill_veiled_everything(gpurt_scene scene)
   for (uint8_t &t : texels) t = uint8_t(random.bits() >> 24);
   const uint32_t texture = add_texture(scene, GPURT_TEXTURE_RGBA8_SRGB, 32, 32, texels.data(),
                                        GPURT_WRAP_REPEAT, GPURT_FILTER_LINEAR);
-  const auto add = [&](Mesh mesh, uint32_t material) {
-    std::vector<std::array<float, 2>> uvs;
-    for (const Vec &v : mesh.vertices) uvs.push_back({1.7f * v[0], 1.7f * (v[1] + v[2])});
-    gpurt_mesh_desc desc = GPURT_MESH_DESC_INIT;
-    desc.material = material;
-    desc.vertices.data = mesh.vertices.data();
-    desc.vertices.count = mesh.vertices.size();
-    desc.indices.data = mesh.triangles.data();
-    desc.indices.count = mesh.triangles.size();
-    desc.uvs.data = uvs.data();
-    desc.uvs.count = uvs.size();
-    uint32_t geometry = 0;
-    GPURT_EXPECT_OK(gpurt_scene_add_mesh(scene, &desc, &geometry));
-    return geometry;
+  const auto add = [&](const Mesh &mesh, uint32_t material) {
+    return add_textured_mesh(scene, mesh, material, {1.7f, 1.7f});
   };
   place(scene,
         add(quad({-3, -1, 1.2f}, {3, -1, 1.2f}, {3, 1.5f, 1.2f}, {-3, 1.5f, 1.2f}),
@@ -270,19 +267,7 @@ inline void fill_tinted_box(gpurt_scene scene)
   uint32_t masked = 0;
   GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &mask, &masked));
   const auto add = [&](const Mesh &mesh, uint32_t material) {
-    std::vector<std::array<float, 2>> uvs;
-    for (const Vec &v : mesh.vertices) uvs.push_back({1.3f * v[0], 1.7f * (v[1] + v[2])});
-    gpurt_mesh_desc desc = GPURT_MESH_DESC_INIT;
-    desc.material = material;
-    desc.vertices.data = mesh.vertices.data();
-    desc.vertices.count = mesh.vertices.size();
-    desc.indices.data = mesh.triangles.data();
-    desc.indices.count = mesh.triangles.size();
-    desc.uvs.data = uvs.data();
-    desc.uvs.count = uvs.size();
-    uint32_t geometry = 0;
-    GPURT_EXPECT_OK(gpurt_scene_add_mesh(scene, &desc, &geometry));
-    return geometry;
+    return add_textured_mesh(scene, mesh, material, {1.3f, 1.7f});
   };
   place(scene,
         add(quad({0.1f, 0.2f, -0.8f}, {0.9f, 0.2f, -0.8f}, {0.9f, 0.9f, -0.6f}, {0.1f, 0.9f, -0.6f}), masked),

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "gpurt_cuda.h"
+#include "kernel_launches.h"
 #include "scenes.h"
 
 namespace gpurt_test {
@@ -440,17 +441,6 @@ RayTargets fill_grove(gpurt_scene scene)
   }
   set_bounds(targets);
   return targets;
-}
-
-uint64_t launches_of(gpurt_device device, const char *name)
-{
-  uint32_t count = 0;
-  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, nullptr, 0, &count));
-  std::vector<gpurt_cuda_kernel> kernels(count);
-  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, kernels.data(), count, &count));
-  uint64_t n = 0;
-  for (const gpurt_cuda_kernel &k : kernels) n += std::strcmp(name, k.name) == 0 ? k.num_launches : 0;
-  return n;
 }
 
 // Kernels for rays that go together and for rays that do not: enough rays for either to be taken. They are the fast ones, which

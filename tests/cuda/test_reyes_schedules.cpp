@@ -1,7 +1,6 @@
 // REYES' schedules on CUDA devices: kernels of their own, counters that say what they did, and one image.
-#include <gpurt_cuda.h>
-
 #include "../support/patch_shapes.h"
+#include "kernel_launches.h"
 
 namespace gpurt_test {
 namespace {
@@ -65,17 +64,6 @@ std::vector<float> picture(gpurt_scene scene, const Choice &choice, gpurt_reyes_
   facts = GPURT_STATISTICS_INIT;
   GPURT_EXPECT_OK(gpurt_frame_get_statistics(frame, &facts));
   return read_color(frame, o);
-}
-
-uint64_t launches_of(gpurt_device device, const std::string &name)
-{
-  uint32_t count = 0;
-  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, nullptr, 0, &count));
-  std::vector<gpurt_cuda_kernel> kernels(count);
-  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, kernels.data(), count, &count));
-  uint64_t n = 0;
-  for (const gpurt_cuda_kernel &k : kernels) n += name == k.name ? k.num_launches : 0;
-  return n;
 }
 
 bool has_same_bits(const std::vector<float> &a, const std::vector<float> &b)

@@ -1,22 +1,10 @@
 // Slots of the nearest fragments: the fixed A-buffer, and peeling where a sample has more fragments than memory holds, have the
 // bits and the losses of the CPU.
-#include <gpurt_cuda.h>
-
+#include "kernel_launches.h"
 #include "reyes_blending_scenes.h"
 
 namespace gpurt_test {
 namespace {
-
-uint64_t launches_of(gpurt_device device, const std::string &name)
-{
-  uint32_t count = 0;
-  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, nullptr, 0, &count));
-  std::vector<gpurt_cuda_kernel> kernels(count);
-  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, kernels.data(), count, &count));
-  uint64_t n = 0;
-  for (const gpurt_cuda_kernel &k : kernels) n += name == k.name ? k.num_launches : 0;
-  return n;
-}
 
 std::vector<ReyesPicture> pictures()
 {

@@ -3,6 +3,7 @@
 #include <cstdio>
 
 #include "gpurt_cuda.h"
+#include "kernel_launches.h"
 #include "pictures.h"
 
 namespace gpurt_test {
@@ -106,14 +107,11 @@ std::vector<QuerySchedule> query_schedules()
   };
 }
 
-uint64_t launches_of(gpurt_device device, const std::string &name)
+// How often kernels of the name were started, which have sensible registers and occupancy.
+uint64_t checked_launches_of(gpurt_device device, const std::string &name)
 {
-  uint32_t count = 0;
-  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, nullptr, 0, &count));
-  std::vector<gpurt_cuda_kernel> kernels(count);
-  GPURT_EXPECT_OK(gpurt_cuda_get_kernels(device, kernels.data(), count, &count));
   uint64_t n = 0;
-  for (const gpurt_cuda_kernel &k : kernels) {
+  for (const gpurt_cuda_kernel &k : kernels_of(device)) {
     if (name != k.name) continue;
     n += k.num_launches;
     EXPECT_GT(k.registers, 0u) << name;
@@ -148,14 +146,14 @@ void compare_schedules(gpurt_device device, const TestScene &content, uint64_t n
             0u);
   for (const QuerySchedule &q : accel == GPURT_ACCEL_BVH ? bvh_query_schedules() : query_schedules()) {
     SCOPED_TRACE(q.name);
-    const uint64_t launches = launches_of(device, q.kernel);
+    const uint64_t launches = checked_launches_of(device, q.kernel);
     const auto a = trace<gpurt_hit>(scene, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays, q.schedule);
     const auto b = trace<gpurt_hit_compact>(scene, GPURT_QUERY_CLOSEST, GPURT_HIT_COMPACT, rays, q.schedule);
     const auto c = trace<uint8_t>(scene, GPURT_QUERY_ANY, GPURT_HIT_FULL, rays, q.schedule);
     EXPECT_EQ(num_differences(a.values, full.values), 0u);
     EXPECT_EQ(num_differences(b.values, compact.values), 0u);
     EXPECT_EQ(num_differences(c.values, any.values), 0u);
-    EXPECT_GT(launches_of(device, q.kernel), launches);
+    EXPECT_GT(checked_launches_of(device, q.kernel), launches);
     // The world's tree of a scene of shared geometries may be too small for a list of leaves to overflow.
     for (const auto count : q.counts) {
       if (count == &Counters::list_overflows && content.name == "city") continue;
@@ -402,12 +400,12 @@ void compare_renders(gpurt_device device, void (*fill)(gpurt_scene), gpurt_accel
   };
   for (const QuerySchedule &q : render_schedules(accel)) {
     SCOPED_TRACE(q.name);
-    const uint64_t launches = launches_of(device, q.kernel);
+    const uint64_t launches = checked_launches_of(device, q.kernel);
     const Frame frame = make_frame(scene, o, outputs);
     submit_and_wait(frame, o, q.schedule);
     if (outputs != 0) expect_same(read_all(expected, o), read_all(frame, o));
     else EXPECT_EQ(color(expected), color(frame));
-    EXPECT_GT(launches_of(device, q.kernel), launches);
+    EXPECT_GT(checked_launches_of(device, q.kernel), launches);
     const gpurt_statistics t = statistics(frame);
     for (const auto count : q.counts) {
       if (count != &Counters::list_overflows) {

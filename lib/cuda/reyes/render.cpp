@@ -209,21 +209,22 @@ ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings 
   ReyesSchedule s{asked.launch, asked.traversal};
   set_default(s.split, Launch::Rounds);
   set_default(s.stages, Traversal::Stack);
-  if (s.stages != Traversal::Stack && settings.shading == ReyesShading::Samples) {
-    fail(GPURT_ERROR_UNSUPPORTED,
-         "schedule.traversal is {}, which schedules dicing, shading and sampling of micropolygons with light "
-         "of their "
-         "own; use GPURT_REYES_SHADING_MICROPOLYGONS or GPURT_REYES_SHADING_BLOCKS, or leave it AUTO",
-         s.stages == Traversal::Uber ? "GPURT_TRAVERSAL_UBER" : "GPURT_TRAVERSAL_LEAF_LISTS");
+  if (s.stages == Traversal::Stack) return s;
+  const char *stages = s.stages == Traversal::Uber ? "GPURT_TRAVERSAL_UBER" : "GPURT_TRAVERSAL_LEAF_LISTS";
+  if (settings.shading == ReyesShading::Samples) {
+    fail(
+        GPURT_ERROR_UNSUPPORTED,
+        "schedule.traversal is {}, which schedules dicing, shading and sampling of micropolygons with light "
+        "of their own; use GPURT_REYES_SHADING_MICROPOLYGONS or GPURT_REYES_SHADING_BLOCKS, or leave it AUTO",
+        stages);
   }
-  if (s.stages != Traversal::Stack && settings.lights_by_rays != 0) {
+  if (settings.lights_by_rays != 0) {
     fail(GPURT_ERROR_UNSUPPORTED,
          "schedule.traversal is {}, which schedules the shading of micropolygons before visibility; here "
-         "their light is "
-         "found after it, for shadows, lamps, an environment, alpha masks, meshes or other outputs: set "
-         "no_shadows, leave "
-         "these out, or leave schedule.traversal AUTO",
-         s.stages == Traversal::Uber ? "GPURT_TRAVERSAL_UBER" : "GPURT_TRAVERSAL_LEAF_LISTS");
+         "their "
+         "light is found after it, for shadows, lamps, an environment, alpha masks, meshes or other outputs: "
+         "set no_shadows, leave these out, or leave schedule.traversal AUTO",
+         stages);
   }
   return s;
 }
