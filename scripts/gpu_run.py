@@ -9,6 +9,7 @@ was given ended before all had run, or if --stages names the sanitizer and there
 """
 
 import argparse
+import concurrent.futures
 import datetime
 import json
 import os
@@ -17,6 +18,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 import time
 
 TREE = pathlib.Path(".gpu/tree")
@@ -63,10 +65,12 @@ RACE_CHECKED = {
 class Run:
     """What all stages use: the log, the time that is left, the verdict."""
 
-    def __init__(self, out, budget):
+    def __init__(self, out, budget, jobs):
         self.out = out
         self.log = open(out / "log.txt", "w", encoding="utf-8")
         self.end = time.monotonic() + budget
+        self.jobs = jobs
+        self.lock = threading.Lock()
         self.ok = True
 
     def left(self):
@@ -75,8 +79,6 @@ class Run:
     def command(self, command, timeout, **environment):
         """Runs a command; returns (exit status, what it printed, seconds). 124 where it ran past the timeout, OUT_OF_TIME
         where that was all the time left."""
-        self.log.write(f"$ {' '.join(f'{k}={v}' for k, v in environment.items())} {' '.join(map(str, command))}\n")
-        self.log.flush()
         start = time.monotonic()
         left = self.left()
         try:
@@ -87,9 +89,17 @@ class Run:
         except subprocess.TimeoutExpired as expired:
             status = OUT_OF_TIME if left < timeout else 124
             text = (expired.stdout or b"").decode(errors="replace") + "\ntimed out\n"
-        self.log.write(f"{text}\nexit status {status}\n")
-        self.log.flush()
+        with self.lock:
+            self.log.write(f"$ {' '.join(f'{k}={v}' for k, v in environment.items())} {' '.join(map(str, command))}\n"
+                           f"{text}\nexit status {status}\n")
+            self.log.flush()
         return status, text, time.monotonic() - start
+
+    def spread(self, function, work):
+        """Calls function(item) for every item, as many at a time as there are jobs."""
+        with concurrent.futures.ThreadPoolExecutor(self.jobs) as pool:
+            for done in [pool.submit(function, item) for item in work]:
+                done.result()
 
     def write(self, name, about, key, values):
         (self.out / name).write_text(json.dumps({**about, key: values}, indent=1) + "\n")
@@ -204,12 +214,19 @@ def stage_tests(run, about, args):
         test_filter += f"-{PAIR_FILTER}"
         print(f"one device: {PAIR_FILTER} is left out", flush=True)
     (run.out / "stability.csv").unlink(missing_ok=True)  # tests append to it
-    for program in sorted(p for p in (TREE / "tests").glob("*/*") if p.is_file() and p != REFERENCES):
+
+    def run_program(program):
         start = time.monotonic()
         found = run_tests(run, program, test_filter, args.timeout)
-        tests += found
-        print(f"{program.relative_to(TREE)}: {len(found)} tests, {time.monotonic() - start:.1f} s", flush=True)
-        run.write("tests.json", about, "tests", tests)
+        with run.lock:
+            tests.extend(found)
+            print(f"{program.relative_to(TREE)}: {len(found)} tests, {time.monotonic() - start:.1f} s", flush=True)
+            run.write("tests.json", about, "tests", tests)
+
+    # Those of lib/cuda first: they take longest.
+    programs = sorted((p for p in (TREE / "tests").glob("*/*") if p.is_file() and p != REFERENCES),
+                      key=lambda p: (p.parent.name != "cuda", p))
+    run.spread(run_program, programs)
     count = {result: sum(test["result"] == result for test in tests)
              for result in ("passed", "failed", "skipped", "not run")}
     print(", ".join(f"{n} {result}" for result, n in count.items()), flush=True)
@@ -256,22 +273,23 @@ def stage_sanitizer(run, about, args):
         run.ok = run.ok and args.stages is None
         return
     results = []
-    for tool in args.sanitizer_tools.split(","):
-        programs = RACE_CHECKED if tool in ("racecheck", "synccheck") else SANITIZED
-        for name, test_filter in programs.items():
-            program = TREE / "tests" / name
-            status, text, seconds = OUT_OF_TIME, "", 0.0
-            if run.left() >= 5:
-                # Line by line, so that what it did is there when it is cut off.
-                by_line = ["stdbuf", "-oL"] if shutil.which("stdbuf") else []
-                status, text, seconds = run.command(
-                    [*by_line, sanitizer, "--tool", tool, "--error-exitcode", "97", program,
-                     f"--gtest_filter={test_filter}"], args.timeout, GPURT_TEST_SHORT="1")
-            summary = [line for line in text.splitlines() if "ERROR SUMMARY" in line or "RACECHECK SUMMARY" in line]
-            tests = [{"test": test, "result": result, "seconds": s} for test, result, s, _ in results_in(text)]
-            if status == OUT_OF_TIME:
-                tests = [test for test in tests if test["seconds"] is not None]
-            result = "not run" if status == OUT_OF_TIME else "passed" if status == 0 and tests else "failed"
+
+    def sanitize(item):
+        tool, name, test_filter = item
+        program = TREE / "tests" / name
+        status, text, seconds = OUT_OF_TIME, "", 0.0
+        if run.left() >= 5:
+            # Line by line, so that what it did is there when it is cut off.
+            by_line = ["stdbuf", "-oL"] if shutil.which("stdbuf") else []
+            status, text, seconds = run.command(
+                [*by_line, sanitizer, "--tool", tool, "--error-exitcode", "97", program,
+                 f"--gtest_filter={test_filter}"], args.timeout, GPURT_TEST_SHORT="1")
+        summary = [line for line in text.splitlines() if "ERROR SUMMARY" in line or "RACECHECK SUMMARY" in line]
+        tests = [{"test": test, "result": result, "seconds": s} for test, result, s, _ in results_in(text)]
+        if status == OUT_OF_TIME:
+            tests = [test for test in tests if test["seconds"] is not None]
+        result = "not run" if status == OUT_OF_TIME else "passed" if status == 0 and tests else "failed"
+        with run.lock:
             results.append({"tool": tool, "program": name, "result": result, "exit_status": status,
                             "summary": summary, "seconds": round(seconds, 1), "tests": tests,
                             "message": "" if result == "passed" else text[:8000]})
@@ -280,6 +298,10 @@ def stage_sanitizer(run, about, args):
                 print(text[:4000], flush=True)
                 run.ok = False
             run.write("sanitizer.json", about, "runs", results)
+
+    run.spread(sanitize, [(tool, name, test_filter) for tool in args.sanitizer_tools.split(",")
+                          for name, test_filter in
+                          (RACE_CHECKED if tool in ("racecheck", "synccheck") else SANITIZED).items()])
 
 
 def stage_bench(run, about, args):
@@ -307,6 +329,8 @@ def main():
                         help="of memcheck, racecheck, initcheck, synccheck (default: %(default)s)")
     parser.add_argument("--bench-args", default="", help="options for the benchmark programs, separated by spaces")
     parser.add_argument("--timeout", type=float, default=240, help="seconds for one program (default: %(default)s)")
+    parser.add_argument("--jobs", type=int, default=1,
+                        help="programs of tests or the sanitizer at a time; benchmarks run alone (default: %(default)s)")
     parser.add_argument("--budget", type=float, default=86400, help="seconds for everything")
     args = parser.parse_args()
     chosen = list(stages) if args.stages is None else args.stages.split(",")
@@ -315,7 +339,7 @@ def main():
 
     out = pathlib.Path(os.environ.get("OUT") or ".gpu/out")
     out.mkdir(parents=True, exist_ok=True)
-    run = Run(out, args.budget)
+    run = Run(out, args.budget, args.jobs)
     about = {"commit": (TREE / "commit").read_text().strip(), "device": device(),
              "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")}
     print(f"{about['device'] or 'no GPU found'}; commit {about['commit']}", flush=True)
