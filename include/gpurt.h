@@ -61,7 +61,7 @@ typedef enum gpurt_result {
   GPURT_ERROR_OUT_OF_MEMORY = 2,
   GPURT_ERROR_UNSUPPORTED = 3,
   GPURT_ERROR_CANCELLED = 4,
-  GPURT_ERROR_DEVICE = 5,
+  GPURT_ERROR_DEVICE = 5, /* there is none, its driver failed, or a fault ended this process' work on it */
   GPURT_ERROR_TIMEOUT = 6,
   GPURT_ERROR_IO = 7,
   GPURT_ERROR_INTERNAL = 8,

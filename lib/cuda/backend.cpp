@@ -1,6 +1,7 @@
 // The CUDA device: its scenes, its memory, and the list of what is there.
 #include <algorithm>
 #include <chrono>
+#include <mutex>
 #include <optional>
 
 #include "cuda/accel/choose_tree.h"
@@ -424,7 +425,7 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
 
 uint32_t compute_capability(const cudaDeviceProp &p) { return uint32_t(p.major * 10 + p.minor); }
 
-std::vector<DeviceInfo> enumerate()
+std::vector<DeviceInfo> find_devices()
 {
   std::vector<DeviceInfo> devices;
   int count = 0;
@@ -449,6 +450,16 @@ std::vector<DeviceInfo> enumerate()
     devices.push_back(std::move(info));
   }
   return devices;
+}
+
+// A process has the devices that it began with; one that is lost can no longer be asked what it is.
+std::vector<DeviceInfo> enumerate()
+{
+  static std::mutex mutex;
+  static std::vector<DeviceInfo> known;
+  const std::lock_guard lock(mutex);
+  if (known.empty()) known = find_devices();
+  return known;
 }
 
 std::unique_ptr<Backend> create(const BackendOptions &options)

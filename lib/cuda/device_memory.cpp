@@ -23,6 +23,7 @@ uint64_t most_pool_bytes(uint64_t limit_bytes)
 
 DeviceScope::DeviceScope(int ordinal)
 {
+  check_is_not_lost(ordinal);
   int current = -1;
   check(cudaGetDevice(&current), "cudaGetDevice");
   if (current == ordinal) return;
@@ -191,8 +192,10 @@ void check_device_pointer(const void *pointer, const char *name, int ordinal, co
   cudaPointerAttributes attributes{};
   check(cudaPointerGetAttributes(&attributes, pointer), "cudaPointerGetAttributes");
   if (attributes.type == cudaMemoryTypeUnregistered) {
-    fail_invalid("{} is host memory, which the CUDA device cannot reach; set storage to GPURT_STORAGE_HOST",
-                 name);
+    fail_invalid(
+        "{} is host memory, which the CUDA device cannot reach, or memory that was freed; set storage to "
+        "GPURT_STORAGE_HOST for host memory",
+        name);
   }
   if (attributes.type == cudaMemoryTypeDevice && attributes.device != ordinal) {
     fail_invalid("{} lies on CUDA device {}, {} on CUDA device {}; copy it there first", name,

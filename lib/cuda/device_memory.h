@@ -16,7 +16,7 @@ class MemoryTracker;  // lib/memory.h, whose error texts nvcc cannot read
 
 namespace gpurt::cuda {
 
-/// Makes a device current for the calling thread, and the caller's current again at the end.
+/// Makes a device current for the calling thread, and the caller's current again at the end. Throws DEVICE where it is lost.
 class DeviceScope {
  public:
   explicit DeviceScope(int ordinal);

@@ -28,7 +28,7 @@ class Cancelled(Error):
 
 
 class DeviceError(Error, RuntimeError):
-    """There is no such device, or its driver failed."""
+    """There is no such device, its driver failed, or a fault ended the process' work on it."""
 
 
 class Timeout(Error, TimeoutError):

@@ -16,7 +16,7 @@ pub enum Error {
     Unsupported(String),
     /// The job was cancelled.
     Cancelled(String),
-    /// There is no such device, or its driver failed.
+    /// There is no such device, its driver failed, or a fault ended the process' work on it.
     Device(String),
     /// The time to wait is over.
     Timeout(String),
