@@ -1,5 +1,5 @@
-"""Keeps what `scripts/gpu run` wrote as bench/results/DATE-DEVICE-COMMIT.json: verdicts of tests, reference images and
-the sanitizer, and every line of the benchmarks. Rows of the failure catalogue go to docs/stability.md.
+"""Keeps what `scripts/gpu run` wrote as bench/results/DATE-DEVICE-COMMIT.json: verdicts of tests, of Python's too, reference
+images and the sanitizer, and every line of the benchmarks. Rows of the failure catalogue go to docs/stability.md.
 
     scripts/gpu keep DIR    DIR: where the run wrote, its $OUT
 """
@@ -21,15 +21,19 @@ def main():
     if len(sys.argv) != 2 or not pathlib.Path(sys.argv[1]).is_dir():
         sys.exit("usage: scripts/gpu keep DIR, a folder that scripts/gpu run wrote")
     folder = pathlib.Path(sys.argv[1])
-    parts = {name: read(folder, f"{name}.json") for name in ("tests", "references", "sanitizer")}
+    parts = {name: read(folder, f"{name}.json") for name in ("tests", "python", "references", "sanitizer")}
     about = next((part for part in parts.values() if part), None)
     if about is None:
         sys.exit(f"{folder} has none of {', '.join(f'{name}.json' for name in parts)}")
     result = {key: about[key] for key in ("commit", "date", "device")}
-    if parts["tests"]:
-        tests = parts["tests"]["tests"]
-        result["tests"] = {"counts": dict(collections.Counter(t["result"] for t in tests)),
-                           "not_passed": [t["test"] for t in tests if t["result"] != "passed"]}
+    for name in ("tests", "python"):
+        if not parts[name]:
+            continue
+        tests = parts[name]["tests"]
+        result[name] = {"counts": dict(collections.Counter(t["result"] for t in tests)),
+                        "not_passed": [t["test"] for t in tests if t["result"] != "passed"]}
+        if name == "python":
+            result[name]["packages"] = parts[name]["packages"]
     if parts["references"]:
         result["references"] = {"samples_per_pixel": parts["references"]["samples_per_pixel"],
                                 "cases": [{"result": c["result"], "line": c.get("line", c["test"])}

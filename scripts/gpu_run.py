@@ -1,16 +1,18 @@
-"""Runs the CUDA tests, the reference images, the sanitizer and the benchmarks of .gpu/tree, and keeps what they say.
+"""Runs the CUDA tests, the Python package's tests of GPU arrays, the reference images, the sanitizer and the benchmarks of
+.gpu/tree, and keeps what they say.
 
-Writes tests.json, stability.csv (rows of the failure catalogue), references.json, sanitizer.json, bench.jsonl (one line
-a case) and log.txt into $OUT. Reference
+Writes tests.json, stability.csv (rows of the failure catalogue), python.json, references.json, sanitizer.json, bench.jsonl (one
+line a case) and log.txt into $OUT. The Python package is compiled where there is what that needs (scripts/gpu_python.py). Reference
 images need the folder of the scenes: --scenes, or $GPURT_TEST_SCENES, or .gpu/scenes, shared/scenes or
 ../shared/scenes where one of these is there. The sanitizer needs compute-sanitizer, on the PATH, in /usr/local/cuda/bin
 or where $SANITIZER says. Fails if a test or a benchmark failed, if a CUDA test was skipped, if none ran, if the time that
-was given ended before all had run, or if --stages names the sanitizer and there is none.
+was given ended before all had run, or if --stages names the sanitizer or python and there is not what it needs.
 """
 
 import argparse
 import concurrent.futures
 import datetime
+import importlib.metadata
 import json
 import os
 import pathlib
@@ -20,6 +22,7 @@ import subprocess
 import sys
 import threading
 import time
+import xml.etree.ElementTree
 
 TREE = pathlib.Path(".gpu/tree")
 # What gpurt_add_test (tests/CMakeLists.txt) calls a CUDA test.
@@ -30,6 +33,8 @@ REFERENCES = TREE / "tests" / "image" / "test_references"
 SCENE_FOLDERS = (".gpu/scenes", "shared/scenes", "../shared/scenes")
 # What ended because there was no time left for anything, rather than by itself or after too long a time of its own.
 OUT_OF_TIME = 125
+# What scripts/gpu_python.py ends with where the machine cannot build the extension.
+PYTHON_MISSING = 77
 # What the sanitizer looks at: every kernel, in the short form of the tests (GPURT_TEST_SHORT).
 SANITIZED = {
     "conformance/test_hits": "Meshes/*Hits.*/cuda_*",
@@ -233,6 +238,35 @@ def stage_tests(run, about, args):
     run.ok = run.ok and count["passed"] > 0 and count["passed"] == len(tests)
 
 
+def version_of(package):
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def stage_python(run, about, args):
+    """The Python package's tests of arrays on a GPU, with an extension that is compiled here."""
+    junit = run.out / "python.xml"
+    junit.unlink(missing_ok=True)
+    tests = pathlib.Path("bindings/python/tests")
+    status, text, _ = run.command([sys.executable, pathlib.Path(__file__).with_name("gpu_python.py"), "--tree", TREE, "-q",
+                                   f"--junit-xml={junit}", tests / "test_interop.py", tests / "test_photons.py"],
+                                  args.timeout, PYTHONDONTWRITEBYTECODE="1")
+    cases = []
+    for case in xml.etree.ElementTree.parse(junit).iter("testcase") if junit.exists() else ():
+        kinds = {child.tag for child in case}
+        result = "failed" if kinds & {"failure", "error"} else "skipped" if "skipped" in kinds else "passed"
+        cases.append({"test": case.get("name"), "result": result, "seconds": float(case.get("time"))})
+    packages = {name: version_of(name) for name in ("numpy", "torch", "cupy-cuda13x", "cupy-cuda12x", "jax", "pybind11")}
+    run.write("python.json", {**about, "packages": {name: v for name, v in packages.items() if v}}, "tests", cases)
+    missing = status == PYTHON_MISSING and not cases
+    if missing or status != 0:
+        print(text[-4000:], flush=True)
+        run.ok = run.ok and missing and args.stages is None
+    print(", ".join(f"{sum(c['result'] == r for c in cases)} {r}" for r in ("passed", "failed", "skipped")), flush=True)
+
+
 def stage_references(run, about, args):
     """Every reference scene, rendered on the GPU at many samples: a process each, so that what is done is kept."""
     folders = [args.scenes] if args.scenes else [os.environ.get("GPURT_TEST_SCENES"), *SCENE_FOLDERS]
@@ -317,7 +351,7 @@ def stage_bench(run, about, args):
 
 
 def main():
-    stages = {"tests": stage_tests, "references": stage_references, "sanitizer": stage_sanitizer,
+    stages = {"tests": stage_tests, "python": stage_python, "references": stage_references, "sanitizer": stage_sanitizer,
               "bench": stage_bench}
     parser = argparse.ArgumentParser(prog="scripts/gpu run", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)

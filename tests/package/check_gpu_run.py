@@ -63,6 +63,10 @@ def main():
         assert results == {"CudaFirst.IsQuick": "passed", "CudaSecond.IsSlow": "failed",
                            "CudaThird.IsQuick": "passed"}, results
 
+        # A Python package that was asked for and cannot be linked.
+        status, text = run(repository, folder, "--stages", "python")
+        assert status == 1 and "no .gpu/tree/lib/libgpurt.so.0" in text and "0 passed" in text, text
+
         # A sanitizer that was asked for and is not there.
         if not pathlib.Path("/usr/local/cuda/bin/compute-sanitizer").exists():
             status, text = run(repository, folder, "--stages", "sanitizer")

@@ -1,6 +1,6 @@
 """Arrays of PyTorch, CuPy, JAX and numpy in and out of queries, and as the memory of meshes, without copies.
 
-Kinds whose library or GPU is missing are skipped. On a machine with a GPU: pytest bindings/python/tests/test_interop.py
+Kinds whose library or GPU is missing are skipped. On a machine with a GPU: python3 scripts/gpu_python.py
 """
 
 import ctypes
@@ -115,6 +115,11 @@ class Spy:
         self.core.trace_memory(query, format, in_device_memory, num_rays, rays, hits, hit_capacity, occluded, offsets,
                                stream, *hints)
 
+    def trace(self, query, format, rays, hits, occluded, offsets, *hints):
+        address = [a is not None and a.ctypes.data for a in (rays, hits, occluded)]
+        self.calls.append(dict(zip(("rays", "hits", "occluded"), address)))
+        self.core.trace(query, format, rays, hits, occluded, offsets, *hints)
+
     def __getattr__(self, name):
         return getattr(self.core, name)
 
@@ -190,6 +195,21 @@ def test_nothing_is_copied(kind, ball, rays, monkeypatch):
     assert spy.calls[0]["gpu"] == kind.on_gpu and (spy.calls[0]["stream"] is not None) == kind.on_gpu
 
 
+@pytest.mark.parametrize("where", ["cpu", "cuda"])
+def test_numpy_arrays_are_used_where_they_are(where, rays, monkeypatch):
+    """On a GPU too the library is handed the arrays themselves."""
+    if where == "cuda" and gpu_device() is None:
+        pytest.skip("no CUDA device")
+    ball = make_ball(gpurt.Device(where))
+    spy = Spy(ball, monkeypatch)
+    hits, flags = ball.trace(rays), ball.trace(rays, query="any")
+    again = np.zeros_like(hits)
+    assert ball.trace(rays, out=again) is again and (again == hits).all()
+    assert type(hits) is type(flags) is np.ndarray
+    assert [c["rays"] for c in spy.calls] == 3 * [rays.ctypes.data]
+    assert [c["hits"] or c["occluded"] for c in spy.calls] == [a.ctypes.data for a in (hits, flags, again)]
+
+
 def test_results_go_where_they_are_wanted(kind, ball, rays):
     mine = kind.make(rays)
     hits = ball.trace(mine)
@@ -254,6 +274,29 @@ def test_what_a_gpu_cannot_read_is_refused_with_the_remedy(gpu_kind, rays):
         scene.add_texture(kind.make(np.zeros((2, 2, 4), np.uint8)))
 
 
+def test_memory_of_other_gpus_is_refused_with_the_remedy(rays):
+    class Elsewhere:
+        def __init__(self, kind):
+            self.kind = kind
+
+        def __dlpack__(self, **keywords):
+            pytest.fail("it is not asked for")
+
+        def __dlpack_device__(self):
+            return self.kind, 7
+
+    if gpu_device() is None:
+        pytest.skip("no CUDA device")
+    ball = make_ball(gpurt.Device("cuda"))
+    scene = gpurt.Scene(ball.device)
+    for call, name in ((lambda array: ball.trace(array), "rays"), (lambda array: scene.add_mesh(array), "vertices")):
+        with pytest.raises(gpurt.InvalidArgument,
+                           match=f"{name}: lies on CUDA device 7, but the scene on 0; copy it to CUDA device 0"):
+            call(Elsewhere(2))
+        with pytest.raises(gpurt.InvalidArgument, match=f"{name}: lies .*DLPack type 10.*copy it .*"):  # of ROCm
+            call(Elsewhere(10))
+
+
 def test_gradients_are_refused(rays):
     kind = Kind("torch", False)
     ball = make_ball(gpurt.Device("cpu", threads=2))
@@ -275,7 +318,8 @@ def test_torch_streams_are_not_waited_for():
     ball, rays = make_ball(gpurt.Device("cuda")), many_rays()
     expected = ball.trace(rays)
     source, mine = kind.make(rays), kind.make(np.zeros_like(rays))
-    ball.trace(source), torch.cuda.synchronize()  # warms up
+    # Warms up: CUDA loads a kernel when it is first started, and waits for what runs meanwhile.
+    ball.trace(source), ball.trace(source, query="any"), torch.cuda.synchronize()
     for stream in (torch.cuda.default_stream(), torch.cuda.Stream()):
         mine.zero_()
         torch.cuda.synchronize()
@@ -397,15 +441,19 @@ class CudaArray:
         return {**self.array.__cuda_array_interface__, "version": 3, "stream": self.stream}
 
 
-def test_the_cuda_array_interface():
+def test_the_cuda_array_interface(monkeypatch):
     kind = Kind("cupy", True)
     cupy = kind.module
     ball, rays = make_ball(gpurt.Device("cuda")), many_rays()
     expected = ball.trace(rays)
     side = cupy.cuda.Stream(non_blocking=True)
+    spy = Spy(ball, monkeypatch)
     for stream in (None, side.ptr):
-        hits = ball.trace(CudaArray(kind.make(rays), stream))
+        mine = kind.make(rays)
+        hits = ball.trace(CudaArray(mine, stream))
         assert isinstance(hits.packed, gpurt.DeviceArray)
+        assert spy.calls[-1]["rays"] == kind.address(mine) and spy.calls[-1]["hits"] == hits.packed.data
+        assert cupy.asarray(hits.packed).data.ptr == cupy.from_dlpack(hits.packed).data.ptr == hits.packed.data
         same_bits(kind, gpurt.Hits(_foreign.library_of(kind.make(rays)), cupy.asarray(hits.packed)), expected)
         assert (np.asarray(hits.packed).view(np.uint32)[:, 3] == expected["primitive"]).all()
         assert (cupy.from_dlpack(hits.packed).view(cupy.uint32).get() == np.asarray(hits.packed).view(np.uint32)).all()
