@@ -111,8 +111,8 @@ void add_triangles(gpurt_scene scene, const std::vector<float> &corners)
   check(gpurt_scene_add_instance(scene, &instance, &id), "gpurt_scene_add_instance");
 }
 
-void bench_set(gpurt_scene scene, const std::string &device, const std::string &accel, const RaySet &set,
-               const Options &options, std::map<std::string, std::vector<char>> &expected)
+void bench_set(gpurt_scene scene, const std::string &device, const std::string &accel, double build_seconds,
+               const RaySet &set, const Options &options, std::map<std::string, std::vector<char>> &expected)
 {
   cudaStream_t stream;
   cudaEvent_t begin, end;
@@ -167,11 +167,12 @@ void bench_set(gpurt_scene scene, const std::string &device, const std::string &
       std::printf(
           "{\"bench\": \"cuda_rays\", \"device\": \"%s\", \"scene\": \"%s\", \"accel\": \"%s\", \"set\": "
           "\"%s\", "
-          "\"hint\": \"%s\", \"width\": %u, \"num_rays\": %zu, \"mrays_per_s\": %.0f, \"p10\": %.0f, "
+          "\"build_ms\": %.2f, \"hint\": \"%s\", \"width\": %u, \"num_rays\": %zu, \"mrays_per_s\": %.0f, "
+          "\"p10\": %.0f, "
           "\"p90\": %.0f, "
           "\"hit_share\": %.4f, \"num_different\": %zu}\n",
-          device.c_str(), options.scene.c_str(), accel.c_str(), set.name.c_str(), hint.name, width,
-          set.rays.size(), rays / m * 1e-3, rays / percentile(times, 0.9) * 1e-3,
+          device.c_str(), options.scene.c_str(), accel.c_str(), set.name.c_str(), build_seconds * 1e3,
+          hint.name, width, set.rays.size(), rays / m * 1e-3, rays / percentile(times, 0.9) * 1e-3,
           rays / percentile(times, 0.1) * 1e-3, double(num_hits) / rays, num_different);
       std::fflush(stdout);
       if (options.width == 0) break;
@@ -271,7 +272,8 @@ int main(int argc, char **argv)
       sets = upload_sets(options, bench::make_generated_rays(options.scene, scene));
       options.width = bench::generated_width;
     }
-    for (const RaySet &set : sets) bench_set(scene, properties.name, name, set, options, expected);
+    for (const RaySet &set : sets)
+      bench_set(scene, properties.name, name, facts.accel_build_seconds, set, options, expected);
     check(gpurt_scene_release(scene), "gpurt_scene_release");
   }
   for (const RaySet &set : sets) {

@@ -12,6 +12,7 @@
 #include "gpurt_cuda.h"
 #include "json.h"
 #include "options.h"
+#include "progress.h"
 #include "ray_sets.h"
 
 namespace cli {
@@ -313,7 +314,8 @@ std::string kernels_text(const std::vector<gpurt_cuda_kernel> &kernels,
 
 class Report {
  public:
-  Report(const ScheduleOptions &o, const gpurt_device_properties &properties) : o_(o), properties_(properties)
+  Report(const ScheduleOptions &o, const gpurt_device_properties &properties, double build_seconds)
+      : o_(o), properties_(properties), build_seconds_(build_seconds)
   {}
 
   void begin(const char *what, const char *unit)
@@ -375,11 +377,9 @@ class Report {
  private:
   void print(Json line)
   {
-    Json all = {{"scene", o_.scene},
-                {"device", properties_.name},
-                {"accel", o_.accel},
-                {"repeats", o_.repeats},
-                {"what", what_}};
+    Json all = {{"scene", o_.scene},     {"device", properties_.name},
+                {"accel", o_.accel},     {"build_seconds", build_seconds_},
+                {"repeats", o_.repeats}, {"what", what_}};
     all.update(line);
     fmt::print("{}\n", all.dump());
     std::fflush(stdout);
@@ -387,6 +387,7 @@ class Report {
 
   const ScheduleOptions &o_;
   const gpurt_device_properties &properties_;
+  const double build_seconds_;
   std::string what_, reference_name_;
   bool has_reference_ = false, all_same_ = true;
   Measured reference_;
@@ -433,9 +434,10 @@ void run(ScheduleOptions o)
   add_default_camera(scene, build);
   const gpurt_scene_facts facts = facts_of(scene);
   if (!o.json)
-    fmt::print("{}, {}, {} triangles, {}\n", properties.name, o.scene, facts.num_triangles, o.accel);
+    fmt::print("{}, {}, {} triangles, {}, built in {}\n", properties.name, o.scene, facts.num_triangles,
+               o.accel, format_seconds(facts.build_seconds));
 
-  Report report(o, properties);
+  Report report(o, properties, facts.build_seconds);
   for (const RaySet &set : o.only == "renders" ? std::vector<RaySet>() : make_ray_sets(scene, o.rays)) {
     if (set.rays.empty()) continue;
     report.begin(fmt::format("{} rays", set.name).c_str(), "Mrays/s");
