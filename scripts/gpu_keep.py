@@ -52,7 +52,8 @@ def main():
     print(path)
     if (folder / "stability.csv").exists():
         subprocess.run([sys.executable, "tests/stability/report.py", "--results", folder / "stability.csv", "--device",
-                        about["device"].split(",")[0], "--commit", about["commit"]], check=True)
+                        about["device"].split(",")[0], "--commit", about["commit"],
+                        "--full", str(int(about.get("full", False)))], check=True)
         print("docs/stability.md")
 
 
