@@ -102,8 +102,23 @@ __global__ void __launch_bounds__(block_size)
 constexpr uint32_t most_exponent = 63 - 9 - 5;
 constexpr uint32_t most_summed = 32;
 
-// The same under a box where samples lie pixel by pixel: sums are integers while light is not too strong, and a warp writes
-// its pixels together.
+// Keys of a pixel that a warp reads together with those of its other pixels, into the memory for their sums. An odd number lies
+// between one pixel's first and the next one's: lanes meet different banks.
+constexpr uint32_t most_staged = sizeof(PixelSums) / 8;
+
+// The keys of a warp's pixels first .. first + n - 1, one after another; pixel p's are found at (num | 1) * p.
+__device__ void stage_keys(const unsigned long long *from, uint32_t n, uint32_t num, unsigned long long *to)
+{
+  const uint32_t lane = threadIdx.x % 32, num_keys = n * num;
+  if (num % 2 != 0) {
+    for (uint32_t k = lane; k < num_keys; k += 32) to[k] = from[k];
+    return;
+  }
+  for (uint32_t k = lane; k < num_keys; k += 32) to[k + k / num] = from[k];
+}
+
+// The same under a box where samples lie pixel by pixel: sums are integers while light is not too strong, and a warp reads
+// keys and writes its pixels together.
 __global__ void __launch_bounds__(block_size)
     resolve_pixels(const __grid_constant__ EyeHits eye, PixelSums *pixels, uint32_t num_pixels,
                    uint32_t *largest_bits)
@@ -111,16 +126,23 @@ __global__ void __launch_bounds__(block_size)
   __shared__ alignas(16) PixelSums shared_sums[block_size];
   const uint32_t i = uint32_t(thread_item()), lane = threadIdx.x % 32;
   const uint32_t num = uint32_t(eye.places.num_samples), odd = uint32_t(eye.unit.first_sample & 1);
-  PixelSums sums{};
+  const uint32_t first = i - lane, num_here = first < num_pixels ? min(num_pixels - first, 32u) : 0;
+  PixelSums *const warp_sums = shared_sums + (threadIdx.x - lane);
+  const unsigned long long *keys = eye.keys + uint64_t(i) * num;
+  if ((num | 1) <= most_staged) {
+    auto *const staged = reinterpret_cast<unsigned long long *>(warp_sums);
+    stage_keys(eye.keys + uint64_t(first) * num, num_here, num, staged);
+    __syncwarp();
+    keys = staged + lane * (num | 1);
+  }
   float largest = 0.0f;
+  uint64_t sum[2][3] = {{0, 0, 0}, {0, 0, 0}};
+  uint32_t most = 0, num_covered = 0;
   if (i < num_pixels) {
-    const unsigned long long *keys = eye.keys + uint64_t(i) * num;
-    uint64_t sum[2][3] = {{0, 0, 0}, {0, 0, 0}};
-    uint32_t most = 0;
     for (uint32_t k = 0; k < num; ++k) {
       const unsigned long long key = keys[k];
       const uint32_t bits = uint32_t(key), exponent = bits >> 26, half = (k ^ odd) & 1;
-      sums.num_covered += key != 0 ? 1 : 0;
+      num_covered += key != 0 ? 1 : 0;
       most = max(most, exponent);
       const uint64_t part[3] = {bits >> 17 & 0x1ffu, bits >> 8 & 0x1ffu, uint64_t(bits & 0xffu) << 1};
       for (int c = 0; c < 3; ++c) {
@@ -130,6 +152,12 @@ __global__ void __launch_bounds__(block_size)
       }
       largest = max(largest, max_component(unpack_light(bits)));
     }
+  }
+  // Sums take the place of keys.
+  __syncwarp();
+  if (i < num_pixels) {
+    PixelSums &sums = shared_sums[threadIdx.x];
+    sums = {};
     if (most <= most_exponent) {
       // Units of 2^-41 to those of 2^-64.
       constexpr int shift = 64 - light_exponent_bias;
@@ -138,23 +166,21 @@ __global__ void __launch_bounds__(block_size)
           sums.color[h][c] = {sum[h][c] << shift, int64_t(sum[h][c] >> (64 - shift))};
         sums.num_samples[h] = (num + ((h ^ odd) == 0 ? 1 : 0)) / 2;
       }
+      sums.num_covered = num_covered;
     } else {
-      sums = {};
       for (uint32_t k = 0; k < num; ++k) {
-        const unsigned long long key = keys[k];
+        const unsigned long long key = eye.keys[uint64_t(i) * num + k];
         add_sample(sums, eye.unit.first_sample + k, key != 0 ? unpack_light(uint32_t(key)) : vec3(0.0f),
                    key != 0);
       }
     }
   }
-  shared_sums[threadIdx.x] = sums;
   __syncwarp();
   // As 16-byte words, one after another.
   constexpr uint32_t words = sizeof(PixelSums) / 16;
-  const uint32_t first = i - lane, n = first < num_pixels ? min(num_pixels - first, 32u) * words : 0;
-  const uint4 *from = reinterpret_cast<const uint4 *>(shared_sums + threadIdx.x - lane);
+  const uint4 *from = reinterpret_cast<const uint4 *>(warp_sums);
   uint4 *to = reinterpret_cast<uint4 *>(pixels + first);
-  for (uint32_t k = lane; k < n; k += 32) to[k] = from[k];
+  for (uint32_t k = lane; k < num_here * words; k += 32) to[k] = from[k];
   keep_largest(largest, largest_bits);
 }
 static_assert(sizeof(PixelSums) % 16 == 0);
