@@ -11,6 +11,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <vector>
 
 #include "cuda/device_memory.h"
@@ -67,6 +68,12 @@ class Stream {
 class Lane {
  public:
   cudaStream_t stream() const { return stream_.get(); }
+  /// For work beside the stream's, in whose order nothing comes by itself: the user joins the two, and waits for both.
+  cudaStream_t stream_beside()
+  {
+    if (!beside_) beside_.emplace();
+    return beside_->get();
+  }
   /// Waits for all work of the lane.
   void synchronize() { check(cudaStreamSynchronize(stream()), "cudaStreamSynchronize"); }
   /// Makes later work of the lane wait for what the caller started on the legacy default stream.
@@ -79,6 +86,7 @@ class Lane {
 
  private:
   Stream stream_;
+  std::optional<Stream> beside_;
   Event order_{cudaEventDisableTiming};
 };
 

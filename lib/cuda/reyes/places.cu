@@ -131,6 +131,15 @@ __global__ void __launch_bounds__(block_size)
   }
 }
 
+// The i-th of n threads clears its share of what samples see, side by side with the others.
+__device__ void clear_keys(const SampleGrid &grid, uint32_t i, uint32_t n)
+{
+  // Allocations begin at multiples of 16 bytes; of an odd number the last one is left.
+  const uint32_t num_pairs = grid.num_samples / 2;
+  for (uint32_t k = i; k < num_pairs; k += n) reinterpret_cast<ulonglong2 *>(grid.keys)[k] = {0, 0};
+  if (i == 0 && grid.num_samples % 2 != 0) grid.keys[grid.num_samples - 1] = 0;
+}
+
 // Samples of pixel i in the order of their numbers, and which of them lie left of and above each eighth of the pixel.
 __global__ void __launch_bounds__(block_size)
     place_with_masks(const __grid_constant__ SamplePlaces p, const __grid_constant__ SampleGrid grid,
@@ -141,6 +150,7 @@ __global__ void __launch_bounds__(block_size)
   if (i >= num_pixels) return;
   const PathSample s = path_sample(p.unit, i);
   const uint32_t num = uint32_t(p.num_samples);
+  clear_keys(grid, i, num_pixels);
   constexpr uint64_t ones = 0x0001000100010001u;
   // Entries 0 .. 3 and 4 .. 7 of an axis. A sample in eighth e lies left of eighths e + 1 and on.
   uint64_t low[2] = {0, 0}, high[2] = {0, 0};
@@ -217,6 +227,8 @@ void launch_place_samples(const SamplePlaces &places, const SampleGrid &grid, ui
            first, at, masks);
     return;
   }
+  check(cudaMemsetAsync(grid.keys, 0, uint64_t(grid.num_samples) * sizeof *grid.keys, stream),
+        "cudaMemsetAsync");
   if (counts == nullptr) {
     if (cell_shift(grid) == 2) {
       launch("REYES stage 'places', fine cells", place_by_pixels<FineCells>, num_pixels, stream, places, grid,

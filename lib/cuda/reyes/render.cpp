@@ -44,7 +44,7 @@ class ReyesRenderer {
   void run(Lane &lane, const std::atomic<bool> &stop)
   {
     const std::unique_ptr<Workspace> work = allocate(lane);
-    const WaitAtEnd wait(lane.stream());
+    const WaitAtEnd wait(lane.stream()), wait_beside(lane.stream_beside());
     for (const UnitGroup &group : work->groups) {
       if (stop || is_cancelled() || !render_group(group, *work, lane)) return;
     }
@@ -114,13 +114,16 @@ class ReyesRenderer {
     const WorkUnit &u = group.bounds;
     VisibleSamples &samples = *work.samples;
     RenderCounters counters;
-    if (!samples.find(u, pass_.settings, pass_.cancelled, lane.stream(), counters.reyes)) return false;
-
     const GroupFilm layout(group.num_pixels(), pass_.outputs);
-    // Where samples have light of their own every pixel is written.
-    if (!keeps_own_light(*pass_.reyes))
-      check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
     const FilmView film = layout.view(work.film.data(), u.x1 - u.x0, u.y1 - u.y0);
+    if (!samples.find(u, pass_.settings, film, pass_.cancelled, lane.stream(), lane.stream_beside(),
+                      counters.reyes))
+      return false;
+
+    // Where samples have light of their own every pixel is written.
+    const bool has_light = keeps_own_light(*pass_.reyes);
+    if (!has_light)
+      check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
     WaveCounters wave_counters;
     if (work.blended) {
       if (!blend(group, work, film, lane, counters.reyes, wave_counters)) return false;
@@ -129,6 +132,8 @@ class ReyesRenderer {
                             samples, *work.wave, film, pass_.cancelled, lane.stream(), counters.reyes,
                             wave_counters))
         return false;
+    } else if (has_light) {
+      // The film has it.
     } else if (!needs_rays_) samples.shade_at_once(pass_.settings, film, lane.stream());
     else if (!shade_with_rays(group, work, film, lane, wave_counters)) return false;
     auto *host = static_cast<std::byte *>(lane.to_host.reserve(work.film_bytes));

@@ -30,8 +30,8 @@ __global__ void __launch_bounds__(split_threads)
              is_split = decides && is_seen && !is_diced;
   const bool is_both = is_split && action == PieceAction::SplitBoth;
   ReyesNumbers &numbers = *b.numbers;
-  const uint32_t at = take_places(&numbers.pushed[0], is_split, 2);
-  const uint32_t more_at = take_places(&numbers.pushed[0], is_both, 2);
+  const uint32_t at = take_places(&numbers.pushed, is_split, 2);
+  const uint32_t more_at = take_places(&numbers.pushed, is_both, 2);
   const uint32_t leaf = take_places(&numbers.num_leaves, is_diced, 1);
   if (is_diced) b.leaves[leaf] = q;
   if (is_split) {
@@ -79,7 +79,7 @@ void split_by_levels(const ReyesBatch &batch, const ReadNumbers &read, cudaStrea
     numbers = read();
     waiting -= from_stack;
     next_slot += from_slots;
-    const uint32_t num_cut = numbers.pushed[0];
+    const uint32_t num_cut = numbers.pushed;
     check(cudaMemcpyAsync(batch.stack + waiting, cut, num_cut * sizeof(QueuedPiece), cudaMemcpyDeviceToDevice,
                           stream),
           "cudaMemcpyAsync");

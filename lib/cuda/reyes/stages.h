@@ -117,14 +117,16 @@ struct FragmentView {
 struct ReyesNumbers {
   // Of the batch.
   uint32_t num_slots, num_triangles;
-  uint32_t next_slot;   // patches that were taken to be cut
-  uint32_t waiting;     // pieces on the stack
-  uint32_t num_leaves;  // that are to be diced
+  uint32_t next_slot;     // patches that were taken to be cut
+  uint32_t waiting;       // pieces on the stack
+  uint32_t waiting_high;  // of these, on the upper one of two stacks
+  uint32_t num_leaves;    // that are to be diced
   uint32_t num_large;
   uint32_t num_rest;    // grids that are left to the general kernel
   uint32_t num_spread;  // micropolygons that this leaves to warps
   uint32_t tickets[5];  // of grids, triangles, large triangles, the rest of grids, spread micropolygons
-  uint32_t pushed[3];   // of three rounds of cutting
+  uint32_t pushed;      // by a level of cutting
+  unsigned long long rounds[3];  // of cutting: what each made
   // Of queues of blocks: the queue of all, what blocks left behind it, blocks that wait, pieces anywhere; 1: leaves are full.
   uint32_t queue_head, queue_tail, left_at, num_left, idle_blocks, live_pieces, stops;
   // Of the group.
@@ -189,8 +191,8 @@ struct SamplePlaces {
 };
 
 /// Finds places for the samples of a group: slots[k] is where the sample of path k lies in the grid, whose `first` and
-/// `places` are written. `counts`: a number a cell, and `scan_memory`, where the filter is not a box's; else null. `masks`:
-/// null, or what is written in place of slots.
+/// `places` are written and whose keys are cleared. `counts`: a number a cell, and `scan_memory`, where the filter is not a
+/// box's; else null. `masks`: null, or what is written in place of slots.
 void launch_place_samples(const SamplePlaces &places, const SampleGrid &grid, uint32_t *first, uint16_t *at,
                           uint16_t *masks, uint32_t *slots, uint32_t *counts, void *scan_memory,
                           uint64_t scan_bytes, cudaStream_t stream);

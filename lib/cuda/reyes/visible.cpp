@@ -1,6 +1,7 @@
 #include "cuda/reyes/visible.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "cuda/layout.h"
 #include "cuda/reyes/split_schedules.h"
@@ -107,6 +108,8 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
       has_meshes_(scene.has_meshes),
       has_blending_(scene.has_blending),
       has_opaque_(scene.has_opaque),
+      // Large micropolygons are left to kernels that come after the host has looked.
+      resolves_ahead_(settings.flatness == 0 && settings.shading_rate <= 1),
       pinned_(pinned)
 {
   const bool has_filter = settings.filter != ReyesFilter::Box;
@@ -150,6 +153,8 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
   batch_.numbers = a.numbers;
   if (has_filter) make_filter_table(settings.filter, places_.table);
   pinned_.reserve(sizeof(ReyesNumbers));
+  // Those of a plain frame: making one takes the host as long as starting a kernel.
+  for (int i = 0; i < 8; ++i) events_.push_back(std::make_unique<Event>());
 }
 
 uint64_t VisibleSamples::cells_of(const WorkUnit &group, const ReyesSettings &settings, bool has_masks)
@@ -182,7 +187,8 @@ RasterRect VisibleSamples::rect_of_pixels(uint32_t x0, uint32_t y0, uint32_t x1,
           float(left + int32_t(x1) + 1) - half_width, float(top + int32_t(y1) + 1) - half_height};
 }
 
-void VisibleSamples::place(const WorkUnit &group, const PathSettings &settings, cudaStream_t stream)
+// What the stages have to know of a group.
+void VisibleSamples::begin(const WorkUnit &group, const PathSettings &settings)
 {
   const int32_t reach = filter_reach(settings_.filter);
   SampleGrid &g = batch_.samples;
@@ -214,10 +220,41 @@ void VisibleSamples::place(const WorkUnit &group, const PathSettings &settings, 
   places_.seed = settings.seed;
   places_.frame_index = settings.frame_index;
   places_.filter = settings_.filter;
-  const uint64_t key_bytes = uint64_t(g.num_samples) * sizeof(unsigned long long);
-  check(cudaMemsetAsync(g.keys, 0, key_bytes, stream), "cudaMemsetAsync");
-  if (!has_own_light_) check(cudaMemsetAsync(g.spots, 0xff, key_bytes, stream), "cudaMemsetAsync");
-  launch_place_samples(places_, g, first_, at_, masks_, slots_, counts_, scan_memory_, scan_bytes_, stream);
+}
+
+// Finds places for the samples, unless that was done, beside what the stream does: cutting waits most of its time. What comes next
+// on the stream waits for both.
+void VisibleSamples::place(cudaStream_t stream)
+{
+  if (beside_ == nullptr) return;
+  const cudaStream_t beside = std::exchange(beside_, nullptr);
+  const SampleGrid &g = batch_.samples;
+  check(cudaStreamWaitEvent(beside, begun_.get(), 0), "cudaStreamWaitEvent");
+  launch_place_samples(places_, g, first_, at_, masks_, slots_, counts_, scan_memory_, scan_bytes_, beside);
+  if (!has_own_light_) {
+    check(cudaMemsetAsync(g.spots, 0xff, uint64_t(g.num_samples) * sizeof *g.spots, beside),
+          "cudaMemsetAsync");
+  }
+  placed_.record(beside);
+  check(cudaStreamWaitEvent(stream, placed_.get(), 0), "cudaStreamWaitEvent");
+  mark(Stage::Place, stream);
+}
+
+// Adds up what samples see of micropolygons' own light.
+void VisibleSamples::resolve(cudaStream_t stream)
+{
+  launch_resolve_own_light(eye_hits(group_settings_), film_, film_.width * film_.height,
+                           &batch_.numbers->largest_sample, stream);
+  mark(Stage::Shade, stream);
+}
+
+// Clears what sampling the lists counts, and sums of rounds of cutting.
+void VisibleSamples::clear_lists(cudaStream_t stream)
+{
+  if (std::exchange(has_clear_lists_, false)) return;
+  check(cudaMemsetAsync(&batch_.numbers->num_large, 0,
+                        offsetof(ReyesNumbers, queue_head) - offsetof(ReyesNumbers, num_large), stream),
+        "cudaMemsetAsync");
 }
 
 ReyesNumbers VisibleSamples::read_numbers(cudaStream_t stream)
@@ -259,9 +296,7 @@ bool VisibleSamples::counts_fragments(Look look) const
 void VisibleSamples::sample(Look look, cudaStream_t stream, bool has_triangles)
 {
   const ReyesNumbers &known = batch_numbers_;
-  check(cudaMemsetAsync(&batch_.numbers->num_large, 0,
-                        offsetof(ReyesNumbers, pushed) - offsetof(ReyesNumbers, num_large), stream),
-        "cudaMemsetAsync");
+  clear_lists(stream);
   if (has_triangles && has_meshes_ && !(has_all_ && known.num_triangles == 0)) {
     if (is_of_fragments(look)) launch_fragments_of_triangles(batch_, look, stream);
     else launch_sample_triangles(batch_, look, stream);
@@ -297,7 +332,9 @@ void VisibleSamples::sample_rest(Look look, const ReyesNumbers &numbers, cudaStr
 void VisibleSamples::run_batch(uint64_t first, Look look, cudaStream_t stream, ReyesCounters &counters)
 {
   ReyesNumbers *numbers = batch_.numbers;
-  check(cudaMemsetAsync(numbers, 0, offsetof(ReyesNumbers, largest_queue), stream), "cudaMemsetAsync");
+  if (!std::exchange(is_clear_, false))
+    check(cudaMemsetAsync(numbers, 0, offsetof(ReyesNumbers, largest_queue), stream), "cudaMemsetAsync");
+  has_clear_lists_ = true;
   const uint32_t n = uint32_t(std::min<uint64_t>(sizes_.roots, num_roots_ - first));
   const bool is_first_look = look == Look::Nearest, is_whole = n == num_roots_;
   // A first look whose lists may hold everything does the bounding and cutting for all looks.
@@ -306,7 +343,11 @@ void VisibleSamples::run_batch(uint64_t first, Look look, cudaStream_t stream, R
   mark(Stage::Bound, stream);
   for (bool is_first = true;; is_first = false) {
     split(is_first ? nullptr : &batch_numbers_, stream);
+    place(stream);
     sample(look, stream, is_first);
+    // Mostly that was all, and the device need not wait for the host to look.
+    is_resolved_ = has_own_light_ && resolves_ahead_ && is_first && is_whole;
+    if (is_resolved_) resolve(stream);
     const ReyesNumbers done = read_numbers(stream);
     sample_rest(look, done, stream);
     const bool is_finished = done.waiting == 0 && done.next_slot == done.num_slots;
@@ -319,8 +360,13 @@ void VisibleSamples::run_batch(uint64_t first, Look look, cudaStream_t stream, R
     has_all_ = is_first && is_finished && is_whole && !is_narrow_ &&
                (is_first_look || (counts_fragments(look) && !has_opaque_));
     batch_numbers_ = done;
+    resolves_ahead_ = is_first && is_finished && done.num_rest == 0 && done.num_large == 0;
+    is_resolved_ &= resolves_ahead_;
     if (is_finished) return;
-    check(cudaMemsetAsync(&numbers->num_leaves, 0, sizeof numbers->num_leaves, stream), "cudaMemsetAsync");
+    check(cudaMemsetAsync(&numbers->num_leaves, 0,
+                          offsetof(ReyesNumbers, queue_head) - offsetof(ReyesNumbers, num_leaves), stream),
+          "cudaMemsetAsync");
+    has_clear_lists_ = true;
   }
 }
 
@@ -336,19 +382,28 @@ bool VisibleSamples::run_batches(Look look, const std::atomic<bool> *cancelled, 
   return true;
 }
 
-bool VisibleSamples::find(const WorkUnit &group, const PathSettings &settings,
-                          const std::atomic<bool> *cancelled, cudaStream_t stream, ReyesCounters &counters)
+bool VisibleSamples::find(const WorkUnit &group, const PathSettings &settings, const FilmView &film,
+                          const std::atomic<bool> *cancelled, cudaStream_t stream, cudaStream_t beside,
+                          ReyesCounters &counters)
 {
+  begin(group, settings);
+  group_settings_ = settings;
+  film_ = film;
+  beside_ = beside;
   stages_.clear();
+  begun_.record(stream);
   mark(Stage::None, stream);
   check(cudaMemsetAsync(batch_.numbers, 0, sizeof *batch_.numbers, stream), "cudaMemsetAsync");
-  place(group, settings, stream);
-  mark(Stage::Place, stream);
+  is_clear_ = true;
   batch_.visible = nullptr;
-  has_all_ = is_narrow_ = false;
-  if (!has_opaque_) return true;
-  if (!run_batches(Look::Nearest, cancelled, stream, counters)) return false;
-  if (has_own_light_) return true;
+  has_all_ = is_narrow_ = is_resolved_ = false;
+  if (has_opaque_ && !run_batches(Look::Nearest, cancelled, stream, counters)) return false;
+  place(stream);
+  if (has_own_light_ && !is_resolved_) {
+    mark(Stage::None, stream);
+    resolve(stream);
+  }
+  if (has_own_light_ || !has_opaque_) return true;
   // What is nearest is known: a second look at what is seen tells where on it samples lie.
   check(cudaMemsetAsync(visible_, 0, (num_roots_ / 32 + 1) * sizeof *visible_, stream), "cudaMemsetAsync");
   launch_mark_visible(batch_.samples, visible_, stream);
@@ -407,11 +462,9 @@ void VisibleSamples::write_eye_hits(const PathSettings &settings, const PathUnit
 
 void VisibleSamples::shade_at_once(const PathSettings &settings, const FilmView &film, cudaStream_t stream)
 {
-  const EyeHits eye = eye_hits(settings);
   mark(Stage::None, stream);
-  if (has_own_light_)
-    launch_resolve_own_light(eye, film, film.width * film.height, &batch_.numbers->largest_sample, stream);
-  else launch_shade_pixels(eye, film, film.width * film.height, &batch_.numbers->largest_sample, stream);
+  launch_shade_pixels(eye_hits(settings), film, film.width * film.height, &batch_.numbers->largest_sample,
+                      stream);
   mark(Stage::Shade, stream);
 }
 

@@ -45,9 +45,12 @@ class VisibleSamples {
   /// Cells of a group's samples.
   static uint64_t cells_of(const WorkUnit &group, const ReyesSettings &settings, bool has_masks);
 
-  /// Finds what the group's samples see of what does not blend. False if `cancelled` became true on the way.
-  bool find(const WorkUnit &group, const PathSettings &settings, const std::atomic<bool> *cancelled,
-            cudaStream_t stream, ReyesCounters &counters);
+  /// Finds what the group's samples see of what does not blend; where micropolygons' own light is all that they keep, adds it
+  /// up in `film`, which need not be clear. Places of samples are found on the stream `beside`, while patches are cut. False if
+  /// `cancelled` became true on the way.
+  bool find(const WorkUnit &group, const PathSettings &settings, const FilmView &film,
+            const std::atomic<bool> *cancelled, cudaStream_t stream, cudaStream_t beside,
+            ReyesCounters &counters);
 
   /// Looks at fragments of surfaces that blend, of the group's samples in the view, all of which lie in the pixels
   /// [first_pixel, last_pixel] of the grid; false if `cancelled` became true on the way.
@@ -65,7 +68,7 @@ class VisibleSamples {
   void write_eye_hits(const PathSettings &settings, const PathUnit &unit, const PathWave &wave,
                       uint32_t num_paths, cudaStream_t stream) const;
 
-  /// Shades the group's samples without rays, where the scene allows it (launch_shade_pixels).
+  /// Shades the group's samples without rays, where the scene allows it (launch_shade_pixels); not for micropolygons' own light.
   void shade_at_once(const PathSettings &settings, const FilmView &film, cudaStream_t stream);
 
   /// Adds what was counted, once all of the group's work is on the stream, and times.
@@ -80,7 +83,10 @@ class VisibleSamples {
                         uint64_t num_cells, uint64_t num_roots, const ReyesSettings &settings,
                         const ReyesSchedule &schedule, bool has_masks, bool has_blending);
   void mark(Stage stage, cudaStream_t stream);
-  void place(const WorkUnit &group, const PathSettings &settings, cudaStream_t stream);
+  void begin(const WorkUnit &group, const PathSettings &settings);
+  void place(cudaStream_t stream);
+  void resolve(cudaStream_t stream);
+  void clear_lists(cudaStream_t stream);
   RasterRect rect_of_pixels(uint32_t x0, uint32_t y0, uint32_t x1, uint32_t y1) const;
   void split(const ReyesNumbers *last, cudaStream_t stream);
   bool counts_fragments(Look look) const;
@@ -113,6 +119,16 @@ class VisibleSamples {
   bool has_all_ = false;
   bool is_narrow_ = false;  // what is bounded and cut is for a part of the group
   ReyesNumbers batch_numbers_{};
+  // What is clear, of numbers: all; those of lists that sampling fills.
+  bool is_clear_ = false, has_clear_lists_ = false;
+  // Of the group: settings, and the film that micropolygons' own light goes to.
+  PathSettings group_settings_{};
+  FilmView film_{};
+  // The stream that finds places of the group's samples, until it does.
+  cudaStream_t beside_ = nullptr;
+  Event begun_{cudaEventDisableTiming}, placed_{cudaEventDisableTiming};
+  // Whether the film has the light of all that samples see; whether it is to have it before the host has looked at what is left.
+  bool is_resolved_ = false, resolves_ahead_;
   PinnedBuffer &pinned_;
   std::vector<std::unique_ptr<Event>> events_;
   std::vector<Stage> stages_;
