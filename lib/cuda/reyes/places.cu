@@ -165,7 +165,7 @@ __global__ void __launch_bounds__(block_size)
       found[k][threadIdx.x] = place;
       for (int axis = 0; axis < 2; ++axis) {
         const uint32_t e = (axis == 0 ? place & 255u : uint32_t(place) >> 8) >> (unit_bits - 3);
-        low[axis] |= (uint64_t(1) | (e < 3 ? ones << 16 * (e + 1) : 0)) << k;
+        low[axis] |= (e < 3 ? ones << 16 * (e + 1) : 0) << k;
         high[axis] |= (e < 4 ? ones : (e < 7 ? ones << 16 * (e - 3) : 0)) << k;
       }
     }

@@ -99,8 +99,8 @@ class TinyWalk {
   float base_x_ = 0.0f, base_y_ = 0.0f;
 };
 
-// The same through pixels with masks: what lies in the eighths that the box touches, of four pixels at a time, so that lanes
-// mostly look up once, together.
+// The same through pixels with masks: what lies in the eighths that the box touches, of two by two pixels at a time, so that
+// lanes mostly look up once, together. Samples of two pixels beside each other follow one another.
 class MaskWalk {
  public:
   __device__ MaskWalk(const SampleGrid &g, int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t ax,
@@ -113,41 +113,48 @@ class MaskWalk {
     look_up(g);
   }
   __device__ bool is_at_sample() const { return bits_ != 0; }
-  __device__ uint32_t slot(const SampleGrid &g) const { return pixel(g) * g.samples_per_pixel + sample(); }
-  __device__ uint32_t place(const SampleGrid &g) const { return g.places[pixel(g) * most_masked + sample()]; }
+  __device__ uint32_t slot(const SampleGrid &g) const
+  {
+    return pixel_ * g.samples_per_pixel + sample_ +
+           sample_ / most_masked * (g.samples_per_pixel - most_masked);
+  }
+  __device__ uint32_t place(const SampleGrid &g) const { return g.places[pixel_ * most_masked + sample_]; }
   __device__ void advance(const SampleGrid &g)
   {
     bits_ &= bits_ - 1;
+    if (bits_ == 0 && below_ != 0) go_below(g);
     if (bits_ == 0 && is_wide_) {
       next(g);
       look_up(g);
     }
+    sample_ = first_bit();
   }
-  // A byte behind the bits of 2^23 is 2^23 more than its value, exactly, and so is the sum.
+  // A number behind the bits of 2^23 is 2^23 more than its value, exactly, and so is the sum.
   __device__ float x(uint32_t place) const
   {
-    return __uint_as_float(0x4b000000u | (place & 255)) + (base_x_ + float(which() & 1) * units_per_pixel);
+    const uint32_t pixels = sample_ / most_masked << unit_bits;
+    return __uint_as_float(0x4b000000u | pixels | (place & 255)) + base_x_;
   }
-  __device__ float y(uint32_t place) const
-  {
-    return __uint_as_float(0x4b000000u | place >> 8) + (base_y_ + float(which() >> 1) * units_per_pixel);
-  }
+  __device__ float y(uint32_t place) const { return __uint_as_float(0x4b000000u | place >> 8) + base_y_; }
 
  private:
+  // Entries of an axis' masks that differ by the samples of a range of eighths; `rest`: where it ends with the pixel, all samples.
+  struct Eighths {
+    uint32_t first, last, rest;
+  };
+
   __device__ int32_t last_x(const SampleGrid &g) const { return min(x1_ >> unit_bits, g.cells_x - 1); }
   __device__ int32_t last_y(const SampleGrid &g) const { return min(y1_ >> unit_bits, g.cells_y - 1); }
-  __device__ uint32_t first_bit() const { return uint32_t(__ffsll((long long)(bits_))) - 1; }
-  __device__ uint32_t sample() const { return first_bit() % most_masked; }
-  __device__ uint32_t which() const { return first_bit() / most_masked; }
-  __device__ uint32_t pixel(const SampleGrid &g) const
+  __device__ uint32_t first_bit() const { return uint32_t(__ffs(int(bits_))) - 1; }
+  // Those that [from, to], from the pixel's corner, touches; none where the pixel is not there.
+  static __device__ Eighths eighths(int32_t from, int32_t to, bool is_there, uint32_t all)
   {
-    return pixel_ + (which() & 1) + (which() >> 1) * uint32_t(g.cells_x);
+    const uint32_t end = is_there ? uint32_t(min((to >> (unit_bits - 3)) + 1, 8)) : 0;
+    return {is_there ? uint32_t(max(from >> (unit_bits - 3), 0)) : 0, end % 8, end == 8 ? all : 0};
   }
-  // Samples of an axis in the eighths that [from, to], from the pixel's corner, touches.
-  static __device__ uint32_t between(const uint16_t *masks, int32_t from, int32_t to)
+  static __device__ uint32_t between(const uint16_t *masks, Eighths e)
   {
-    const int32_t lo = max(from >> (unit_bits - 3), 0), hi = min((to >> (unit_bits - 3)) + 1, 8);
-    return masks[hi & 7] & ~(lo != 0 ? uint32_t(masks[lo]) : 0u);
+    return masks[e.first] ^ masks[e.last] ^ e.rest;
   }
   __device__ void next(const SampleGrid &g)
   {
@@ -156,32 +163,50 @@ class MaskWalk {
     x_ = max(x0_ >> unit_bits, 0);
     y_ += 2;
   }
+  __device__ void go_below(const SampleGrid &g)
+  {
+    bits_ = below_;
+    below_ = 0;
+    pixel_ += uint32_t(g.cells_x);
+    base_y_ += units_per_pixel;
+  }
   // The samples of the next two by two pixels that have some.
   __device__ void look_up(const SampleGrid &g)
   {
     const int32_t end_x = last_x(g), end_y = last_y(g);
-    for (; y_ <= end_y; next(g)) {
-      pixel_ = uint32_t(y_ * g.cells_x + x_);
-      for (int32_t k = 0; k < 4; ++k) {
-        const int32_t x = x_ + (k & 1), y = y_ + (k >> 1);
-        if (x > end_x || y > end_y) continue;
-        const uint16_t *masks = g.masks + uint64_t(y * g.cells_x + x) * most_masked;
-        const int32_t corner_x = x << unit_bits, corner_y = y << unit_bits;
-        bits_ |= uint64_t(between(masks, x0_ - corner_x, x1_ - corner_x) &
-                          between(masks + 8, y0_ - corner_y, y1_ - corner_y))
-                 << most_masked * k;
-      }
-      base_x_ = float((x_ << unit_bits) - ax_) - 0x1p23f;
-      base_y_ = float((y_ << unit_bits) - ay_) - 0x1p23f;
-      is_wide_ = x_ + 2 <= end_x || y_ + 2 <= end_y;
-      if (bits_ != 0) return;
-    }
+    const uint32_t all = (1u << g.samples_per_pixel) - 1;
     is_wide_ = false;
+    for (; y_ <= end_y; next(g)) {
+      const bool has_right = x_ < end_x, has_lower = y_ < end_y;
+      const int32_t corner_x = x_ << unit_bits, corner_y = y_ << unit_bits;
+      constexpr int32_t pixel = 1 << unit_bits;
+      const Eighths left = eighths(x0_ - corner_x, x1_ - corner_x, true, all),
+                    right = eighths(x0_ - corner_x - pixel, x1_ - corner_x - pixel, has_right, all),
+                    upper = eighths(y0_ - corner_y, y1_ - corner_y, true, all),
+                    lower = eighths(y0_ - corner_y - pixel, y1_ - corner_y - pixel, has_lower, all);
+      pixel_ = uint32_t(y_ * g.cells_x + x_);
+      // A pixel that is not there shows nothing, whatever masks are read in its place.
+      const uint32_t to_right = has_right ? most_masked : 0,
+                     to_lower = has_lower ? uint32_t(g.cells_x) * most_masked : 0;
+      const uint16_t *const at = g.masks + pixel_ * most_masked;
+      const auto samples = [&](uint32_t offset, Eighths x, Eighths y) {
+        return between(at + offset, x) & between(at + offset + most_masked / 2, y);
+      };
+      bits_ = samples(0, left, upper) | samples(to_right, right, upper) << most_masked;
+      below_ = samples(to_lower, left, lower) | samples(to_lower + to_right, right, lower) << most_masked;
+      base_x_ = float(corner_x - ax_) - 0x1p23f;
+      base_y_ = float(corner_y - ay_) - 0x1p23f;
+      is_wide_ = x_ + 2 <= end_x || y_ + 2 <= end_y;
+      if (bits_ == 0 && below_ != 0) go_below(g);
+      if (bits_ != 0) break;
+    }
+    sample_ = first_bit();
   }
 
   int32_t x0_, y0_, x1_, y1_, ax_, ay_, x_, y_;
-  uint64_t bits_ = 0;
-  uint32_t pixel_ = 0;
+  uint32_t bits_ = 0, below_ = 0;  // of two pixels, and of the two below them
+  uint32_t sample_ = 0;            // the first of the bits
+  uint32_t pixel_ = 0;             // the left one
   bool is_wide_ = false;
   float base_x_ = 0.0f, base_y_ = 0.0f;
 };

@@ -15,8 +15,8 @@ namespace gpurt::cuda {
 /// pixels row by row. Samples of cell c are first[c] .. first[c + 1] - 1.
 ///
 /// With masks cells are pixels, whose samples lie as they are numbered: `places` has most_masked of them for each pixel, and
-/// so has `masks`: bit s of entry i < 8 says that sample s lies left of i eighths of the pixel (of entry 0: that it is there),
-/// of entry 8 + i that it lies above.
+/// so has `masks`: bit s of entry i < 8 says that sample s lies left of i eighths of the pixel, of entry 8 + i that it lies above.
+/// Every pixel has as many samples.
 struct SampleGrid {
   const uint32_t *first;      // [cells + 1]
   const uint16_t *places;     // where in its pixel a sample lies, in raster units: x | y << 8

@@ -32,7 +32,62 @@ struct WarpPlaces {
   float u[max_grid_vertices], v[max_grid_vertices];
 };
 
-// As dice_piece, a lane a vertex; `places` may be null. Whether all of them can be projected.
+// Vertex k lies at h; whether it can be projected.
+__device__ __forceinline__ bool put_vertex(WarpGrid &g, uint32_t k, RasterPoint h,
+                                           const RasterProjection &projection)
+{
+  const bool is_here = is_projectable(h);
+  const float inv_w = 1.0f / h.w;
+  g.z[k] = inv_w;
+  g.x[k] = is_here ? int32_t(project_x(h.x, inv_w, projection)) : not_projectable;
+  g.y[k] = is_here ? int32_t(project_y(h.y, inv_w, projection)) : 0;
+  return is_here;
+}
+
+// As mend_rim, a lane a place of an edge, of edges alone whose isolines have fewer vertices. Whether all that were moved can be
+// projected.
+__device__ __forceinline__ bool mend_rim(WarpGrid &g, const RasterProjection &projection, uint32_t lane,
+                                         WarpPlaces *places)
+{
+  const Piece &p = g.piece;
+  const uint32_t num_u = 1u << p.grid_u, num_v = 1u << p.grid_v;
+  // Lanes 0 .. 3 look at an edge each, lanes 4 .. 7 at a corner.
+  bool is_off = false;
+  if (lane < 4) is_off = p.edge[lane] > (lane < 2 ? p.u_bits - p.grid_u : p.v_bits - p.grid_v);
+  else if (lane < 8) {
+    is_off = p.corner_u[lane - 4] != p.u + ((lane & 1) << p.u_bits) ||
+             p.corner_v[lane - 4] != p.v + ((lane >> 1 & 1) << p.v_bits);
+  }
+  const uint32_t off = __ballot_sync(all_lanes, is_off);
+  constexpr uint32_t corners = 4;
+  bool is_in_front = true;
+  for (uint32_t left = (off & 15) | (off > 15 ? 1u << corners : 0); left != 0; left &= left - 1) {
+    const uint32_t e = uint32_t(__ffs(int(left))) - 1;
+    const bool along_u = e < 2;
+    const uint32_t n = along_u ? num_u : num_v, at = (e & 1) == 0 ? 0 : (along_u ? num_v : num_u);
+    uint32_t i = along_u ? lane : at, j = along_u ? at : lane;
+    bool is_place = lane > 0 && lane < n;
+    if (e == corners) {
+      i = (lane & 1) != 0 ? num_u : 0;
+      j = (lane & 2) != 0 ? num_v : 0;
+      is_place = lane < 4;
+    }
+    if (!is_place) continue;
+    uint32_t ku, kv;
+    grid_parameters(p, i, j, ku, kv);
+    if (is_nominal(p, i, j, ku, kv)) continue;
+    const uint32_t k = j * (num_u + 1) + i;
+    is_in_front &= put_vertex(g, k, patch_point(g.patch, ku, kv), projection);
+    if (places != nullptr) {
+      places->u[k] = parameter(ku);
+      places->v[k] = parameter(kv);
+    }
+  }
+  return is_in_front;
+}
+
+// As dice_piece, a lane a vertex; `places` may be null. Whether all of them can be projected, and all that were moved could be
+// where they were before.
 __device__ __forceinline__ bool dice(WarpGrid &g, const RasterProjection &projection, uint32_t lane,
                                      WarpPlaces *places = nullptr)
 {
@@ -52,27 +107,20 @@ __device__ __forceinline__ bool dice(WarpGrid &g, const RasterProjection &projec
   bool is_in_front = true;
   for (uint32_t k = lane; k < width * (num_v + 1); k += 32) {
     const uint32_t j = k * reciprocal >> 16, i = k - j * width;
-    uint32_t ku = p.u + (i << (p.u_bits - p.grid_u)), kv = p.v + (j << (p.v_bits - p.grid_v));
+    const uint32_t kv = p.v + (j << (p.v_bits - p.grid_v));
     const CubicWeights v = cubic_weights(kv);
     const auto coordinate = [&](int c) {
       return cubic(v, g.columns[c][0][i], g.columns[c][1][i], g.columns[c][2][i], g.columns[c][3][i]);
     };
-    RasterPoint h{coordinate(0), coordinate(1), coordinate(2)};
-    if (i == 0 || i == num_u || j == 0 || j == num_v) {
-      grid_parameters(p, i, j, ku, kv);
-      if (!is_nominal(p, i, j, ku, kv)) h = patch_point(patch, ku, kv);
-    }
+    is_in_front &= put_vertex(g, k, {coordinate(0), coordinate(1), coordinate(2)}, projection);
     if (places != nullptr) {
-      places->u[k] = parameter(ku);
+      places->u[k] = parameter(p.u + (i << (p.u_bits - p.grid_u)));
       places->v[k] = parameter(kv);
     }
-    const bool is_here = is_projectable(h);
-    const float inv_w = 1.0f / h.w;
-    g.z[k] = inv_w;
-    g.x[k] = is_here ? int32_t(project_x(h.x, inv_w, projection)) : not_projectable;
-    g.y[k] = is_here ? int32_t(project_y(h.y, inv_w, projection)) : 0;
-    is_in_front &= is_here;
   }
+  // The rim last: few grids have places there that are no vertices, and lanes that look for them would hold up the others.
+  __syncwarp();
+  is_in_front &= mend_rim(g, projection, lane, places);
   return __all_sync(all_lanes, is_in_front);
 }
 
