@@ -81,12 +81,12 @@ __device__ __forceinline__ T of_lane(const T &x, int lane)
 constexpr int32_t least_shared_pixels = 4, shared_pixels = 10;
 constexpr int few_lanes = 16;
 
-__device__ __forceinline__ bool is_tiny(const WarpGrid &g, uint32_t a, uint32_t width)
+__device__ __forceinline__ bool is_tiny(const WarpGrid &g, uint32_t a, uint32_t width, int32_t extent)
 {
   const int32_t x[4] = {g.x[a], g.x[a + 1], g.x[a + width], g.x[a + width + 1]},
                 y[4] = {g.y[a], g.y[a + 1], g.y[a + width], g.y[a + width + 1]};
-  return max(max(x[0], x[1]), max(x[2], x[3])) - min(min(x[0], x[1]), min(x[2], x[3])) <= tiny_extent &&
-         max(max(y[0], y[1]), max(y[2], y[3])) - min(min(y[0], y[1]), min(y[2], y[3])) <= tiny_extent;
+  return max(max(x[0], x[1]), max(x[2], x[3])) - min(min(x[0], x[1]), min(x[2], x[3])) <= extent &&
+         max(max(y[0], y[1]), max(y[2], y[3])) - min(min(y[0], y[1]), min(y[2], y[3])) <= extent;
 }
 
 // The pixels that cells lie in: how many in a row and in all.
@@ -212,7 +212,7 @@ __device__ __forceinline__ void sample_rest_of(const ReyesBatch &b)
         }
         own.a = (q >> g.piece.grid_u) * width + (q & (num_u - 1));
         // What is tiny was sampled before, but for masks.
-        if (has_masks || !(is_in_front && is_tiny(g, own.a, width)))
+        if (has_masks || !(is_in_front && is_tiny(g, own.a, width, b.tiny_extent)))
           make_any_quad<look, has_masks>(b, g, is_in_front, slot, own, num_fragments);
       }
       int32_t pixels_x;

@@ -328,7 +328,7 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
                   dx = g.x[id], dy = g.y[id];
     const int32_t x0 = min(min(ax, bx), min(cx, dx)), x1 = max(max(ax, bx), max(cx, dx));
     const int32_t y0 = min(min(ay, by), min(cy, dy)), y1 = max(max(ay, by), max(cy, dy));
-    const bool is_tiny = is_in_front && x1 - x0 <= tiny_extent && y1 - y0 <= tiny_extent;
+    const bool is_tiny = is_in_front && x1 - x0 <= b.tiny_extent && y1 - y0 <= b.tiny_extent;
     if (__any_sync(all_lanes, is_quad && !is_tiny)) {
       left |= 1u << first / 32;
       if (!__any_sync(all_lanes, is_quad && is_tiny)) continue;

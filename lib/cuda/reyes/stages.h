@@ -44,6 +44,9 @@ GPURT_INLINE uint32_t cell_index(const SampleGrid &g, int32_t x, int32_t y)
   return pixel << 2 * s | uint32_t((y & mask) << s | (x & mask));
 }
 
+// Of a tiny micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 1024 * (1024 + 256) < 2^24.
+constexpr int32_t largest_tiny_extent = 1024;
+
 /// A piece of a patch that is to be cut, or diced.
 struct QueuedPiece {
   Piece piece;
@@ -166,6 +169,8 @@ struct ReyesBatch {
   uint32_t stack_capacity;
   QueuedPiece *leaves;
   uint32_t leaf_capacity;
+  int32_t
+      tiny_extent;  // of the box of a micropolygon that is a lane's own, in raster units; at most largest_tiny_extent
   uint32_t *
       rest;  // grids whose micropolygons are not all tiny: leaf * 256 and a bit for each 32 of which some are not
   LargeTriangle *large;

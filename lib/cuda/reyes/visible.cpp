@@ -151,6 +151,10 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
   batch_.spread = a.spread;
   batch_.spread_capacity = sizes.spread;
   batch_.numbers = a.numbers;
+  // Where micropolygons are meant to be large, grids have few: a lane that went through samples of many pixels alone would hold up
+  // its warp, and most of the device would wait.
+  batch_.tiny_extent =
+      settings.flatness > 0 || settings.shading_rate > 1 ? largest_tiny_extent / 4 : largest_tiny_extent;
   if (has_filter) make_filter_table(settings.filter, places_.table);
   pinned_.reserve(sizeof(ReyesNumbers));
   // Those of a plain frame: making one takes the host as long as starting a kernel.

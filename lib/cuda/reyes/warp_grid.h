@@ -15,9 +15,6 @@ struct WarpGrid {
 };
 constexpr int32_t not_projectable = INT32_MIN;
 
-// Of a tiny micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 1024 * (1024 + 256) < 2^24.
-constexpr int32_t tiny_extent = 1024;
-
 // Copies by words: T consists of them.
 template <class T>
 __device__ inline void copy_words(T &to, const T &from, uint32_t lane)
