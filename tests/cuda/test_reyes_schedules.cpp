@@ -16,14 +16,18 @@ const std::vector<Choice> choices = {
     {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_LEAF_LISTS}, {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_UBER},
     {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_UBER}};
 
-// Many dented patches, a floor that one block alone could not cut, and a wall through the eye.
-Scene scene_on(gpurt_device device)
+// Many dented patches, some behind each other, a floor that one block alone could not cut, and a wall through the eye.
+Scene scene_on(gpurt_device device, int num_behind = 0)
 {
   Scene scene;
   GPURT_EXPECT_OK(gpurt_scene_create(device, scene.out()));
   const std::vector<PatchNet> nets = closed_patches(6, 0.1, 3);
+  std::vector<std::array<float, 12>> placements = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
+                                                   {0.5f, 0, 0, 1.2f, 0, 0.5f, 0, 0, 0, 0, 0.5f, 0.3f}};
+  for (int k = 1; k <= num_behind; ++k)
+    placements.push_back({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, -0.1f * float(k)});
   add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_METAL, {0.9f, 0.5f, 0.1f}, {0, 0, 0}, 0.4f),
-              {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {0.5f, 0, 0, 1.2f, 0, 0.5f, 0, 0, 0, 0, 0.5f, 0.3f}});
+              placements);
   add_patches(scene, {flat_patch({-50, -1.1f, -50}, {100, 0, 0}, {0, 0, 100}),
                       flat_patch({1.5f, -1, -1}, {0, 2, 0}, {0, 0, 6})});
   gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
@@ -147,6 +151,54 @@ TEST(CudaReyesSchedules, GiveThatImageInLittleMemory)
       EXPECT_TRUE(has_same_bits(color, expected));
     }
   }
+}
+
+// In as little memory as the default takes, blocks' queues have no room for what blocks may leave, of many
+// more pieces than lists hold: what waits goes on in rounds.
+TEST(CudaReyesSchedules, GoOnInRoundsWhereQueuesHaveNoRoom)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Choice queues = {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_STACK};
+  constexpr int num_behind = 24;
+  constexpr uint32_t size = 200;
+  gpurt_statistics s;
+  const Device roomy = make_device(GPURT_DEVICE_CUDA);
+  const char *const in_rounds = "REYES stage 'split'", *const in_queues =
+                                                           "REYES stage 'split', queues of blocks";
+  const uint64_t rounds_before = launches_of(roomy, in_rounds);
+  const std::vector<float> expected =
+      picture(scene_on(roomy, num_behind), queues, GPURT_REYES_SHADING_MICROPOLYGONS, size, s);
+  EXPECT_EQ(launches_of(roomy, in_rounds), rounds_before);
+  const uint64_t queues_before = launches_of(roomy, in_queues);
+  const Device committed = make_device(GPURT_DEVICE_CUDA);
+  const Scene held = scene_on(committed, num_behind);
+  RenderOptions o;
+  o.width = o.height = size;
+  const Frame film = make_frame(held, o);
+  gpurt_device_properties p = GPURT_DEVICE_PROPERTIES_INIT;
+  GPURT_ASSERT_OK(gpurt_device_get_properties(committed, &p));
+  uint64_t least = UINT64_MAX;
+  for (const uint64_t kibibytes : {8192, 4096, 2048, 1536, 1024, 768, 640, 512}) {
+    SCOPED_TRACE(kibibytes);
+    const Device tight = make_device(GPURT_DEVICE_CUDA, 0, p.memory_peak_bytes + (kibibytes << 10));
+    const Scene scene = scene_on(tight, num_behind);
+    const Frame frame = make_frame(scene, o);
+    const gpurt_render_desc desc = description(queues, GPURT_REYES_SHADING_MICROPOLYGONS);
+    Job job;
+    GPURT_ASSERT_OK(gpurt_frame_submit(frame, &desc, nullptr, 0, job.out()));
+    const gpurt_result result = gpurt_job_wait(job, GPURT_WAIT_FOREVER);
+    if (result == GPURT_ERROR_OUT_OF_MEMORY) {
+      // No buffers, not no places in them.
+      EXPECT_EQ(std::string(gpurt_last_error()).find("pieces"), std::string::npos) << gpurt_last_error();
+      break;
+    }
+    GPURT_ASSERT_OK(result);
+    EXPECT_TRUE(has_same_bits(read_color(frame, o), expected));
+    least = kibibytes;
+  }
+  EXPECT_LE(least, 2048u);
+  EXPECT_GT(launches_of(roomy, in_queues), queues_before);
+  EXPECT_GT(launches_of(roomy, in_rounds), rounds_before);
 }
 
 TEST(CudaReyesSchedules, RefuseStagesOfSamples)

@@ -96,5 +96,24 @@ TEST(CudaReyesBlending, PeelsWhatHasNoRoom)
   peel(fill_sheets<4500, 1>, p);
 }
 
+// Each depth six times over: what is kept at a time ends within equals. And rays, which do not get through many.
+TEST(CudaReyesBlending, PeelsPatchesAndTies)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const auto fill = [](gpurt_scene scene) {
+    const uint32_t panes[] = {add_pane(scene, {0.9f, 0.5f, 0.1f}, 0.05f),
+                              add_pane(scene, {0.1f, 0.5f, 0.9f}, 0.05f)};
+    for (const uint32_t pane : panes) {
+      std::vector<PatchNet> nets;
+      for (int k = 0; k < 2200; ++k)
+        nets.push_back(flat_patch({-2, -2, -0.004f * float(k / 3)}, {4, 0, 0}, {0, 4, 0}));
+      add_patches(scene, nets, pane);
+    }
+    add_sun(scene);
+    add_camera(scene, {0, 0, 3}, 0.8f);
+  };
+  peel(fill, reyes_picture(2, 2, 2, 4.0f));
+}
+
 }  // namespace
 }  // namespace gpurt_test

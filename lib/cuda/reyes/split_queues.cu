@@ -3,7 +3,8 @@
 //
 // The queue of all is filled once from its beginning in a launch: a place belongs to one piece, and a number beside it says
 // that the piece is there. A block that finds nothing waits until some piece is donated or none is left anywhere. When the
-// list of what is to be diced is full, blocks leave their pieces behind the queue's end for the next launch.
+// list of what is to be diced is full, blocks leave their pieces behind the queue's end for the next launch; where that could find
+// no room for what its blocks would leave, the batch goes on in rounds (split.cu), whose memory is bounded.
 // Source: Tzeng, Patney and Owens 2010, task donation; the talk's persistent threads with work stealing.
 #include "cuda/reyes/decide.h"
 #include "cuda/reyes/split_schedules.h"
@@ -214,6 +215,21 @@ __global__ void note_queues(ReyesBatch b, uint32_t limit)
 }
 
 }  // namespace
+
+void stack_queues(const ReyesBatch &batch, uint32_t turn, const ReyesNumbers &last, cudaStream_t stream)
+{
+  const uint32_t half = batch.stack_capacity / 2, num_queued = last.queue_tail - last.queue_head;
+  QueuedPiece *const old = batch.stack + (turn % 2) * half, *const other =
+                                                                batch.stack + (turn + 1) % 2 * half;
+  const auto copy = [&](QueuedPiece *to, const QueuedPiece *from, uint32_t n) {
+    check(cudaMemcpyAsync(to, from, n * sizeof(QueuedPiece), cudaMemcpyDeviceToDevice, stream),
+          "cudaMemcpyAsync");
+  };
+  // What blocks had in hand on top: it is deepest. By way of the other half, for places overlap.
+  copy(other, old + last.queue_head, num_queued);
+  copy(other + num_queued, old + last.left_at, last.num_left);
+  if (other != batch.stack) copy(batch.stack, other, num_queued + last.num_left);
+}
 
 bool split_by_queues(const ReyesBatch &batch, uint32_t *ready, uint32_t turn, const ReyesNumbers *last,
                      cudaStream_t stream)

@@ -277,13 +277,13 @@ void VisibleSamples::split(const ReyesNumbers *last, cudaStream_t stream)
   } else if (schedule_.split == Launch::Persistent) {
     if (turn_ == 0)
       check(cudaMemsetAsync(ready_, 0, sizes_.stack * sizeof(uint32_t), stream), "cudaMemsetAsync");
-    if (!split_by_queues(batch_, ready_, ++turn_, last, stream)) {
-      fail(GPURT_ERROR_OUT_OF_MEMORY,
-           "GPURT_LAUNCH_PERSISTENT: {} pieces of patches wait while the list of grids is full, more than "
-           "there is "
-           "room for; leave schedule.launch AUTO, or raise the memory limit",
-           last->waiting);
+    if (last == nullptr) is_in_rounds_ = false;
+    if (!is_in_rounds_ && !split_by_queues(batch_, ready_, turn_ + 1, last, stream)) {
+      stack_queues(batch_, turn_, *last, stream);
+      is_in_rounds_ = true;
     }
+    if (is_in_rounds_) launch_split(batch_, stream);
+    else ++turn_;
   } else {
     launch_split(batch_, stream);
   }

@@ -108,6 +108,7 @@ class VisibleSamples {
   uint32_t *first_ = nullptr, *slots_ = nullptr, *counts_ = nullptr, *visible_ = nullptr;
   uint32_t *ready_ = nullptr;    // of queues of pieces
   uint32_t turn_ = 0;            // launches with such queues
+  bool is_in_rounds_ = false;    // the batch goes on without them
   DicedGrid *staged_ = nullptr;  // between separate kernels
   uint32_t num_staged_ = 0;
   uint64_t list_rounds_ = 0;  // times that these ran
