@@ -205,6 +205,8 @@ class CudaScene final : public CommittedScene, public StreamTracing {
       const Material &material = compiled_->materials[segment.material];
       reyes.has_blending |= material.blends != 0;
       reyes.has_opaque |= material.blends == 0;
+      reyes.may_show_nothing |=
+          material.blends != 0 && (material.base_color_texture != invalid_id || !(material.alpha > 0));
       reyes.has_cutouts |= material.blends == 0 && material.alpha_cutoff > 0;
     }
     for (const Light &light : compiled_->lights) reyes.has_found_light |= light.type == LightType::Triangle;

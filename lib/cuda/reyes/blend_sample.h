@@ -73,8 +73,8 @@ __device__ inline FragmentRun run_of_sample(const FragmentView &view, uint32_t s
     const uint64_t first = view.first[slot - view.origin];
     return {first - view.base, uint32_t(view.first[slot - view.origin + 1] - first)};
   }
-  FragmentRun run{uint64_t(slot - view.begin) * view.slots.layers, view.slots.layers};
-  while (run.n != 0 && view.slots.keys[run.first + run.n - 1] == 0) --run.n;
+  FragmentRun run{uint64_t(slot - view.begin) * view.slots.layers, 0};
+  while (run.n != view.slots.layers && view.slots.keys[run.first + run.n] != 0) ++run.n;
   return run;
 }
 

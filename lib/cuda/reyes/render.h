@@ -11,11 +11,12 @@ namespace gpurt::cuda {
 struct ReyesDeviceScene {
   ReyesScene view;
   uint64_t num_roots;
-  bool has_meshes;       // some of them are triangles
-  bool has_found_light;  // lamps or an environment: light that rays from surfaces may meet
-  bool has_blending;     // materials that let light through
-  bool has_cutouts;      // others that have holes
-  bool has_opaque;       // surfaces that do not blend
+  bool has_meshes;        // some of them are triangles
+  bool has_found_light;   // lamps or an environment: light that rays from surfaces may meet
+  bool has_blending;      // materials that let light through
+  bool has_cutouts;       // others that have holes
+  bool has_opaque;        // surfaces that do not blend
+  bool may_show_nothing;  // some that blend let everything through in places
 };
 
 /// Renders the units of `pass`, which has settings of REYES. Returns when all are delivered or left out by cancellation.

@@ -288,10 +288,13 @@ __device__ __forceinline__ void keep_fragments(const ReyesBatch &b, const WarpGr
     if (!(z > 0.0f && is_fragment(b, slot, root, z))) continue;
     const WarpPlaces &p = seen.places;
     const Vec2f corners[3] = {{p.u[k[0]], p.v[k[0]]}, {p.u[k[1]], p.v[k[1]]}, {p.u[k[2]], p.v[k[2]]}};
-    const Vec2f at = cover_uv(t, corners, z, share_b, share_c);
+    const auto place = [&] { return cover_uv(t, corners, z, share_b, share_c); };
+    Vec2f at{};
     if constexpr (is_of_slots(look)) {
-      if (!is_for_slots<look>(b, slot, root, z, at)) continue;
+      if (!is_for_slots<look>(b, slot, root, z, place, at)) continue;
       num_fragments += 1;
+    } else {
+      at = place();
     }
     put<look>(b, slot, root, z, at);
   }

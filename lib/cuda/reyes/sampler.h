@@ -50,10 +50,11 @@ __device__ __forceinline__ bool is_fragment(const ReyesBatch &b, uint32_t slot, 
 }
 
 // Whether a look of slots wants a fragment of the part: it shows something, lies behind what the sample has had, and may
-// still find a slot, or has one. Where nothing has been had, those without a slot are wanted too: they are counted.
-template <Look look>
+// still find a slot, or has one. Where nothing has been had, those without a slot are wanted too: they are counted. `at`: where
+// on its root it lies, for looks of places; others find it out where they need it.
+template <Look look, class Place>
 __device__ __forceinline__ bool is_for_slots(const ReyesBatch &b, uint32_t slot, uint32_t root, float z,
-                                             Vec2f at)
+                                             const Place &place, Vec2f &at)
 {
   const FragmentSlots &s = b.fragments.slots;
   const uint32_t i = slot - b.fragments.begin;
@@ -62,10 +63,12 @@ __device__ __forceinline__ bool is_for_slots(const ReyesBatch &b, uint32_t slot,
     // Slots only ever take what is nearer: one that is too far now will be.
     if (key < __ldcg(s.keys + uint64_t(i) * s.layers + (s.layers - 1))) return false;
   }
-  if (s.had != nullptr) {
-    const FragmentMark had = s.had[i];
-    if (key > had.key || (key == had.key && place_key(at) <= had.place)) return false;
-  }
+  const bool may_be_had = s.had != nullptr && key >= s.had[i].key;
+  if (may_be_had && key > s.had[i].key) return false;
+  if (look == Look::Places || may_be_had || b.may_show_nothing != 0) at = place();
+  if (may_be_had && place_key(at) <= s.had[i].place) return false;
+  // What is in a slot was found to show something where it was put there, but at another place maybe.
+  if (b.may_show_nothing == 0) return true;
   const Hit hit = hit_of_root(b.scene, root, at.x, at.y, 0.0f);
   return opacity_at(b.scene.scene, hit.triangle, hit.u, hit.v) > 0.0f;
 }
@@ -82,10 +85,9 @@ __device__ __forceinline__ bool is_taken(const ReyesBatch &b, uint32_t slot, uin
   if constexpr (is_of_fragments(look)) {
     if (!is_fragment(b, slot, root, z)) return false;
   }
-  if constexpr (look == Look::Spots || look == Look::Keep || is_of_slots(look) || has_masks) at = place();
-  if constexpr (is_of_slots(look)) {
-    return is_for_slots<look>(b, slot, root, z, at);
-  } else if constexpr (has_masks) {
+  if constexpr (is_of_slots(look)) return is_for_slots<look>(b, slot, root, z, place, at);
+  if constexpr (look == Look::Spots || look == Look::Keep || has_masks) at = place();
+  if constexpr (has_masks && !is_of_slots(look)) {
     const Hit hit = hit_of_root(b.scene, root, at.x, at.y, 0.0f);
     if (!(opacity_at(b.scene.scene, hit.triangle, hit.u, hit.v) > 0.0f)) return false;
   }
@@ -159,7 +161,11 @@ __device__ inline void put_into_slots(const ReyesBatch &b, uint32_t slot, unsign
     if (old == 0) return;
     key = old < key ? old : key;
   }
-  if (s.had == nullptr) atomicAdd(&b.numbers->num_lost_fragments, 1ull);
+  if (s.had != nullptr) return;
+  // One addition for the lanes that are here together.
+  const uint32_t lanes = __activemask();
+  if (threadIdx.x % 32 == uint32_t(__ffs(int(lanes))) - 1)
+    atomicAdd(&b.numbers->num_lost_fragments, static_cast<unsigned long long>(__popc(lanes)));
 }
 
 // The same of places, among the slots that have the fragment's key.

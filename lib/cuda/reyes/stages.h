@@ -153,16 +153,17 @@ struct ReyesBatch {
   DiceSettings dice;
   RasterRect rect;  // of the samples, with a pixel around them
   SampleGrid samples;
-  OwnLight own;             // of micropolygons
-  uint32_t has_own_light;   // 1: samples keep it in place of roots
-  uint32_t keeps_middles;   // 1: of micropolygons, in place of where samples lie on their roots
-  uint32_t has_cutouts;     // 1: some root that does not blend has holes
-  const uint32_t *visible;  // a bit a root; null: all roots may be seen
-  RasterPatch *patches;     // [slots]
-  RasterPoint *largest;     // of a slot's control points
-  uint32_t *roots;          // of slots
-  uint8_t *blends;          // whether the material of a slot's root does; null: none does
-  uint32_t kinds;           // of roots that are bounded: 1: those that do not blend, 2: those that do
+  OwnLight own;               // of micropolygons
+  uint32_t has_own_light;     // 1: samples keep it in place of roots
+  uint32_t keeps_middles;     // 1: of micropolygons, in place of where samples lie on their roots
+  uint32_t has_cutouts;       // 1: some root that does not blend has holes
+  uint32_t may_show_nothing;  // 1: some root that blends lets everything through in places
+  const uint32_t *visible;    // a bit a root; null: all roots may be seen
+  RasterPatch *patches;       // [slots]
+  RasterPoint *largest;       // of a slot's control points
+  uint32_t *roots;            // of slots
+  uint8_t *blends;            // whether the material of a slot's root does; null: none does
+  uint32_t kinds;             // of roots that are bounded: 1: those that do not blend, 2: those that do
   FragmentView fragments;
   uint32_t *triangles;  // roots of meshes
   QueuedPiece *stack;

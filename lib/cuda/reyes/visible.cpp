@@ -130,6 +130,7 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
   batch_.has_own_light = has_own_light_ ? 1 : 0;
   batch_.keeps_middles = settings.lights_by_rays;
   batch_.has_cutouts = scene.has_cutouts ? 1 : 0;
+  batch_.may_show_nothing = scene.may_show_nothing ? 1 : 0;
   batch_.blends = has_blending_ ? a.blends : nullptr;
   batch_.samples.masks = masks_;
   batch_.samples.first = a.first;
