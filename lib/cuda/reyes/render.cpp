@@ -66,24 +66,44 @@ class ReyesRenderer {
     return pass_.cancelled != nullptr && pass_.cancelled->load(std::memory_order_relaxed);
   }
 
-  // The largest groups, lists and waves that memory has room for.
+  // The largest groups, waves and lists that memory has room for, in this order.
   std::unique_ptr<Workspace> allocate(Lane &lane) const
   {
-    for (unsigned level = 0;; ++level) {
+    for (unsigned step = 0;; ++step) {
       try {
-        return allocate_level(level, lane);
+        return allocate_level(step / 2, step % 2 != 0, lane);
       } catch (const Error &e) {
-        if (e.result() != GPURT_ERROR_OUT_OF_MEMORY || level + 1 == num_levels) throw;
+        if (e.result() != GPURT_ERROR_OUT_OF_MEMORY || step + 1 == 2 * num_levels) throw;
       }
     }
   }
 
-  std::unique_ptr<Workspace> allocate_level(unsigned level, Lane &lane) const
+  // As few groups as the limits allow, and these as small as so many can be: memory is taken for the largest.
+  std::vector<UnitGroup> make_groups(uint64_t most_samples, uint64_t most_pixels) const
+  {
+    std::vector<UnitGroup> groups = group_units(pass_.units, most_samples, most_pixels);
+    if (groups.size() == 1) return groups;
+    uint64_t num_pixels = 0, row_pixels = 0;
+    for (const UnitGroup &g : groups) {
+      num_pixels += g.num_pixels();
+      for (const WorkUnit &u : g.units)
+        row_pixels = std::max(row_pixels, uint64_t(g.bounds.x1 - g.bounds.x0) * (u.y1 - u.y0));
+    }
+    // Groups are of whole rows of units mostly.
+    const uint64_t share = (num_pixels + groups.size() - 1) / groups.size();
+    for (const uint64_t limit : {share, share + row_pixels}) {
+      if (limit >= most_pixels) break;
+      std::vector<UnitGroup> even = group_units(pass_.units, most_samples, limit);
+      if (even.size() == groups.size()) return even;
+    }
+    return groups;
+  }
+
+  std::unique_ptr<Workspace> allocate_level(unsigned level, bool has_spare_lists, Lane &lane) const
   {
     auto work = std::make_unique<Workspace>();
     const uint64_t most_samples = reyes_.has_blending ? max_blended_samples : max_group_samples;
-    work->groups = group_units(pass_.units, std::max(most_samples >> level, min_group_samples),
-                               max_group_pixels >> level);
+    work->groups = make_groups(std::max(most_samples >> level, min_group_samples), max_group_pixels >> level);
     uint64_t num_samples = 1, num_cells = 1, most_samples_per_pixel = 1;
     for (const UnitGroup &g : work->groups)
       most_samples_per_pixel = std::max(most_samples_per_pixel, g.bounds.num_samples);
@@ -93,9 +113,10 @@ class ReyesRenderer {
       num_cells = std::max(num_cells, VisibleSamples::cells_of(g.bounds, *pass_.reyes, has_masks));
       work->film_bytes = std::max(work->film_bytes, GroupFilm(g.num_pixels(), pass_.outputs).bytes());
     }
-    work->samples.emplace(memory_, reyes_, *pass_.reyes, pass_.reyes_schedule,
-                          ReyesListSizes::at_level(level, reyes_.num_roots, pass_.reyes->flatness > 0),
-                          num_samples, num_cells, has_masks, lane.to_device);
+    work->samples.emplace(
+        memory_, reyes_, *pass_.reyes, pass_.reyes_schedule,
+        ReyesListSizes::at_level(level, has_spare_lists, reyes_.num_roots, pass_.reyes->flatness > 0),
+        num_samples, num_cells, has_masks, lane.to_device);
     if (reyes_.has_blending)
       work->blended.emplace(memory_, num_samples, std::max(max_fragments >> level, min_fragments),
                             pass_.reyes->fragment_slots, needs_rays_);

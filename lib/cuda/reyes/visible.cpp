@@ -25,13 +25,16 @@ constexpr float largest_masked_rate = 4.0f;
 
 }  // namespace
 
-ReyesListSizes ReyesListSizes::at_level(unsigned level, uint64_t num_roots, bool has_flat_regions)
+ReyesListSizes ReyesListSizes::at_level(unsigned level, bool is_spare, uint64_t num_roots,
+                                        bool has_flat_regions)
 {
-  const auto room = [&](unsigned bits, uint32_t least) {
-    return std::max(level < bits ? uint32_t(1) << (bits - level) : 1u, least);
+  const auto room = [&](unsigned bits, unsigned more_levels, uint32_t least) {
+    const unsigned cut = level + (is_spare ? more_levels : 0);
+    return std::max(cut < bits ? uint32_t(1) << (bits - cut) : 1u, least);
   };
-  ReyesListSizes s{room(17, 256), room(19, 1024), room(20, 1024), room(has_flat_regions ? 20 : 16, 256),
-                   room(has_flat_regions ? 19 : 17, 256)};
+  // Roots shrink last: each batch of them is a launch of every stage, and waits for the host.
+  ReyesListSizes s{std::min(room(19, 0, 256), uint32_t(1) << 17), room(19, 1, 1024), room(20, 2, 1024),
+                   room(has_flat_regions ? 20 : 16, 2, 256), room(has_flat_regions ? 19 : 17, 2, 256)};
   s.roots = uint32_t(std::clamp<uint64_t>(num_roots, 1, s.roots));
   return s;
 }

@@ -20,9 +20,10 @@ struct ReyesListSizes {
   uint32_t large;   // triangles that a lane of its own would take long for
   uint32_t spread;  // micropolygons of which that is so
 
-  /// Level 0 is the largest; each further one has half of the last one's room. Where flat regions are diced coarser, more
-  /// triangles are large.
-  static ReyesListSizes at_level(unsigned level, uint64_t num_roots, bool has_flat_regions);
+  /// Level 0 is the largest; each further one has half of the last one's room. Spare ones leave a level's memory to samples: a
+  /// list that fills up once more costs less than one more group of them. Where flat regions are diced coarser, more triangles
+  /// are large.
+  static ReyesListSizes at_level(unsigned level, bool is_spare, uint64_t num_roots, bool has_flat_regions);
 };
 
 /// Whether samples keep light in place of what they see.
