@@ -233,10 +233,15 @@ class Bench {
     query.distances = distances.floats();
     query.k = 50;
     if (set != "caustic-wide") {
-      query.radius = query.radius_hint = 1.2f * radius;
-      ask(bare, query, "50 nearest within 1.2 r", counts);
+      query.radius = 1.2f * radius;
+      for (const float hint : {1.0f, 1.1f, 1.2f}) {
+        char what[64];
+        std::snprintf(what, sizeof what, "50 nearest within 1.2 r, hint %.1f r", hint);
+        query.radius_hint = hint * radius;
+        ask(bare, query, what, counts);
+      }
       query.coherence = GPURT_COHERENCE_COHERENT;
-      ask(bare, query, "50 nearest within 1.2 r, random order", counts);
+      ask(bare, query, "50 nearest within 1.2 r, hint 1.2 r, random order", counts);
       query.coherence = GPURT_COHERENCE_AUTO;
       query.radius = 0;
       ask(levels, query, "50 nearest, hint 1.2 r, 4 levels", counts);

@@ -116,7 +116,6 @@ TEST(PhotonEstimator, RadiiComeFromPhotonsThatAreNotGathered)
   }
 }
 
-// Photons arrive with the cosine already: a slanting one is not rarer by its weight. And a sheet has two sides.
 // Knaus and Zwicker's rule has i = 1 for the pass after the first: pass k, counted from 0, has k factors.
 TEST(PhotonEstimator, RadiiFallByAFactorForEveryPassBefore)
 {
@@ -142,6 +141,7 @@ TEST(PhotonEstimator, RadiiFallByAFactorForEveryPassBefore)
   }
 }
 
+// Photons arrive with the cosine already: a slanting one is not rarer by its weight. And a sheet has two sides.
 TEST(PhotonEstimator, TakesTheFluxOfPhotonsAsItIs)
 {
   std::vector<Photon> photons;

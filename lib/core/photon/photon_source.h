@@ -1,4 +1,4 @@
-// What a grid is built from: records of the renderer, or arrays of the caller's.
+// What a grid is built from: records of the renderer, or arrays of the caller's, or records made of these.
 #pragma once
 
 #include "core/photon/photon.h"
@@ -6,8 +6,8 @@
 namespace gpurt {
 
 struct PhotonSource {
-  const Photon *records;   // [num_photons]; or null, and then
-  const Vec3f *positions;  // [num_photons]
+  const Photon *records;   // [num_photons], or null
+  const Vec3f *positions;  // [num_photons]; null: those of the records
   const Vec3f *fluxes;     // [num_photons], or null: none
   const Vec3f *normals;    // [num_photons], of any length, or null: none
   uint64_t num_photons;    // below 2^31
@@ -39,6 +39,13 @@ GPURT_INLINE PhotonRest source_rest(const PhotonSource &source, uint64_t i)
 {
   if (source.records) return rest_of(source.records[i]);
   return {0, encode_any_normal(source.normals[i])};
+}
+
+GPURT_INLINE Photon source_record(const PhotonSource &source, uint64_t i)
+{
+  const PhotonProbe probe = source_probe(source, i);
+  const PhotonRest rest = source.normals != nullptr ? source_rest(source, i) : PhotonRest{0, 0};
+  return {probe.position, probe.flux, rest.direction, rest.normal, uint32_t(i), 0};
 }
 
 GPURT_FUNCTIONS_END

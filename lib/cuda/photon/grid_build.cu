@@ -22,7 +22,7 @@ constexpr uint64_t align(uint64_t bytes) { return (bytes + 255) / 256 * 256; }
 
 // Where a build's working memory goes.
 struct Layout {
-  uint64_t keys, indices, sorted_keys, sorted_indices, records, gaps, num_gaps, sort, end;
+  uint64_t keys, indices, sorted_keys, sorted_indices, gaps, num_gaps, sort, end;
   size_t sort_bytes;
 };
 
@@ -33,23 +33,15 @@ int bits_of(uint32_t largest)
   return bits;
 }
 
-// Payload in arrays of its own is packed into records first: a random read then touches one sector, not three.
-bool packs_records(const PhotonSource &source, const GridTarget &target)
+Layout layout_of(uint32_t table_size, uint64_t n)
 {
-  return source.records == nullptr &&
-         ((source.fluxes != nullptr && !target.ids_for_fluxes) || target.rests != nullptr);
-}
-
-Layout layout_of(uint32_t table_size, const PhotonSource &source, const GridTarget &target)
-{
-  const uint64_t n = source.num_photons, words = align(n * sizeof(uint32_t));
+  const uint64_t words = align(n * sizeof(uint32_t));
   Layout layout{};
   layout.keys = 0;
   layout.indices = words;
   layout.sorted_keys = 2 * words;
   layout.sorted_indices = 3 * words;
-  layout.records = 4 * words;
-  layout.gaps = layout.records + (packs_records(source, target) ? align(n * sizeof(Photon)) : 0);
+  layout.gaps = 4 * words;
   layout.num_gaps = layout.gaps + align((uint64_t(table_size) / max_warp_gap + 2) * sizeof(Gap));
   layout.sort = layout.num_gaps + 256;
   const uint32_t *from = nullptr;
@@ -68,24 +60,10 @@ __global__ void __launch_bounds__(block_size)
   const uint64_t i = thread_item();
   if (i >= source.num_photons) return;
   const uint32_t slot = has_slots ? source.records[i].bounce >> slot_shift : 0;
-  keys[i] = slot * shape.table_size + photon_entry(shape, source_position(source, i));
+  // Of records a whole sector is read: positions that lie apart are the shorter way.
+  const Vec3f p = source.positions != nullptr ? source.positions[i] : source.records[i].position;
+  keys[i] = slot * shape.table_size + photon_entry(shape, p);
   indices[i] = uint32_t(i);
-}
-
-__global__ void __launch_bounds__(block_size)
-    pack_kernel(const __grid_constant__ GridShape shape, const __grid_constant__ PhotonSource source,
-                uint32_t *keys, uint32_t *indices, Photon *records)
-{
-  const uint64_t i = thread_item();
-  if (i >= source.num_photons) return;
-  const PhotonProbe probe = source_probe(source, i);
-  keys[i] = photon_entry(shape, probe.position);
-  indices[i] = uint32_t(i);
-  const PhotonRest rest = source.normals != nullptr ? source_rest(source, i) : PhotonRest{0, 0};
-  float4 *record = reinterpret_cast<float4 *>(records + i);
-  record[0] = {probe.position.x, probe.position.y, probe.position.z, __uint_as_float(probe.flux)};
-  record[1] = {__uint_as_float(rest.direction), __uint_as_float(rest.normal), __uint_as_float(uint32_t(i)),
-               0.0f};
 }
 
 // Sets starts[begin .. end) to value, or leaves that to others. Called by all lanes of a warp.
@@ -163,10 +141,9 @@ __global__ void __launch_bounds__(block_size)
 
 }  // namespace
 
-uint64_t grid_build_bytes(const GridShape &shape, const PhotonSource &source, const GridTarget &target,
-                          uint32_t num_slots)
+uint64_t grid_build_bytes(const GridShape &shape, uint64_t num_photons, uint32_t num_slots)
 {
-  return layout_of(shape.table_size * num_slots, source, target).end;
+  return layout_of(shape.table_size * num_slots, num_photons).end;
 }
 
 void launch_build_grid(const GridShape &shape, const PhotonSource &source, const GridTarget &target,
@@ -178,20 +155,12 @@ void launch_build_grid(const GridShape &shape, const PhotonSource &source, const
           "cudaMemsetAsync");
     return;
   }
-  const Layout layout = layout_of(table_size, source, target);
+  const Layout layout = layout_of(table_size, source.num_photons);
   std::byte *const base = static_cast<std::byte *>(memory);
   const auto words = [&](uint64_t at) { return reinterpret_cast<uint32_t *>(base + at); };
   const uint64_t n = source.num_photons;
-  PhotonSource placed = source;
-  if (packs_records(source, target)) {
-    Photon *const records = reinterpret_cast<Photon *>(base + layout.records);
-    launch("kernel that packs photons", pack_kernel, n, stream, shape, source, words(layout.keys),
-           words(layout.indices), records);
-    placed.records = records;
-  } else {
-    launch("kernel that numbers the cells of photons", key_kernel, n, stream, shape, source, num_slots > 1,
-           words(layout.keys), words(layout.indices));
-  }
+  launch("kernel that numbers the cells of photons", key_kernel, n, stream, shape, source, num_slots > 1,
+         words(layout.keys), words(layout.indices));
   size_t sort_bytes = layout.sort_bytes;
   check(cub::DeviceRadixSort::SortPairs(base + layout.sort, sort_bytes, words(layout.keys),
                                         words(layout.sorted_keys), words(layout.indices),
@@ -200,11 +169,11 @@ void launch_build_grid(const GridShape &shape, const PhotonSource &source, const
         "cub::DeviceRadixSort::SortPairs");
   check(cudaMemsetAsync(base + layout.num_gaps, 0, sizeof(uint32_t), stream), "cudaMemsetAsync");
   Gap *const gaps = reinterpret_cast<Gap *>(base + layout.gaps);
-  if (placed.records != nullptr) {
-    launch("kernel that places photons", place_kernel<true>, n, stream, placed, words(layout.sorted_keys),
+  if (source.records != nullptr) {
+    launch("kernel that places photons", place_kernel<true>, n, stream, source, words(layout.sorted_keys),
            words(layout.sorted_indices), target, table_size, gaps, words(layout.num_gaps));
   } else {
-    launch("kernel that places points", place_kernel<false>, n, stream, placed, words(layout.sorted_keys),
+    launch("kernel that places points", place_kernel<false>, n, stream, source, words(layout.sorted_keys),
            words(layout.sorted_indices), target, table_size, gaps, words(layout.num_gaps));
   }
   launch_blocks("kernel that fills empty cells", gap_kernel, 512, block_size, stream, target.starts, gaps,

@@ -13,7 +13,10 @@ struct DevicePointsFound {
   uint32_t lo[3], hi[3];
   uint32_t bad_position, bad_flux, bad_normal;  // the first index; invalid_id: none
 };
-void launch_look_through(const PhotonSource &source, DevicePointsFound *found, cudaStream_t stream);
+/// `packed`, if not null, gets the records of a source that has none: what is moved later then lies in one sector, not three.
+/// Those of points that are not allowed have no meaning.
+void launch_look_through(const PhotonSource &source, DevicePointsFound *found, Photon *packed,
+                         cudaStream_t stream);
 Box bounds_of(const DevicePointsFound &found);
 
 /// How the points of a grid fill its table.
@@ -23,7 +26,7 @@ struct DeviceFill {
 };
 void launch_fill(const uint32_t *starts, uint32_t table_size, DeviceFill *fill, cudaStream_t stream);
 
-/// The arrays of a grid to be built; those not wanted are null.
+/// The arrays of a grid to be built; those not wanted are null. Fluxes and rests are wanted of records alone.
 struct GridTarget {
   uint32_t *starts;
   PhotonProbe *probes;
@@ -33,8 +36,7 @@ struct GridTarget {
 };
 /// Working memory of a build. With several slots the records are those of photons in flight (flight.h), and the table has
 /// the entries of one slot after the other.
-uint64_t grid_build_bytes(const GridShape &shape, const PhotonSource &source, const GridTarget &target,
-                          uint32_t num_slots = 1);
+uint64_t grid_build_bytes(const GridShape &shape, uint64_t num_photons, uint32_t num_slots = 1);
 void launch_build_grid(const GridShape &shape, const PhotonSource &source, const GridTarget &target,
                        void *memory, cudaStream_t stream, uint32_t num_slots = 1);
 

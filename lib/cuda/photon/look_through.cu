@@ -1,4 +1,4 @@
-// Looks through points: their bounds, and the first ones that are not allowed. And through a table: how full it is.
+// Looks through points: their bounds, and the first ones that are not allowed; packs them by the way. And through a table: how full it is.
 #include "cuda/launch.h"
 #include "cuda/photon/kernels.h"
 #include "cuda/warp_reduce.h"
@@ -34,7 +34,7 @@ __global__ void begin_kernel(DevicePointsFound *found)
 }
 
 __global__ void __launch_bounds__(block_size)
-    look_through_kernel(const __grid_constant__ PhotonSource source, DevicePointsFound *found)
+    look_through_kernel(const __grid_constant__ PhotonSource source, DevicePointsFound *found, Photon *packed)
 {
   Box bounds = empty_box();
   uint32_t bad_position = invalid_id, bad_flux = invalid_id, bad_normal = invalid_id;
@@ -44,6 +44,12 @@ __global__ void __launch_bounds__(block_size)
     else bad_position = min(bad_position, uint32_t(i));
     if (source.fluxes != nullptr && !is_flux(source.fluxes[i])) bad_flux = min(bad_flux, uint32_t(i));
     if (source.normals != nullptr && !is_finite(source.normals[i])) bad_normal = min(bad_normal, uint32_t(i));
+    if (packed != nullptr) {
+      const Photon p = source_record(source, i);
+      float4 *to = reinterpret_cast<float4 *>(packed + i);
+      to[0] = {p.position.x, p.position.y, p.position.z, __uint_as_float(p.flux)};
+      to[1] = {__uint_as_float(p.direction), __uint_as_float(p.normal), __uint_as_float(p.id), 0.0f};
+    }
   }
   for (int k = 0; k < 3; ++k) {
     const uint32_t lo = warp_min(ordered_bits(at(bounds.lo, k))),
@@ -78,12 +84,13 @@ __global__ void __launch_bounds__(block_size)
 
 }  // namespace
 
-void launch_look_through(const PhotonSource &source, DevicePointsFound *found, cudaStream_t stream)
+void launch_look_through(const PhotonSource &source, DevicePointsFound *found, Photon *packed,
+                         cudaStream_t stream)
 {
   launch_blocks("kernel that looks through points", begin_kernel, 1, 1, stream, found);
   if (source.num_photons == 0) return;
   launch_blocks("kernel that looks through points", look_through_kernel, num_blocks, block_size, stream,
-                source, found);
+                source, found, packed);
 }
 
 Box bounds_of(const DevicePointsFound &found)

@@ -19,11 +19,6 @@ GridTarget DevicePhotonGrid::target() const
   return {starts_.data(), probes_.data(), rests_.data(), indices_.data(), ids_for_fluxes_};
 }
 
-uint64_t DevicePhotonGrid::build_bytes(const PhotonSource &source) const
-{
-  return grid_build_bytes(shape_, source, target());
-}
-
 void DevicePhotonGrid::build(const PhotonSource &source, void *memory, cudaStream_t stream) const
 {
   launch_build_grid(shape_, source, target(), memory, stream);

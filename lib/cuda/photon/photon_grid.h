@@ -19,8 +19,8 @@ class DevicePhotonGrid {
   DevicePhotonGrid(const GridShape &shape, uint64_t num_photons, const DevicePhotonGridOptions &options,
                    const std::shared_ptr<DeviceMemory> &memory);
 
-  uint64_t build_bytes(const PhotonSource &source) const;
-  /// Queues the build. The source, in device memory, and `memory` (build_bytes) stay until it is done.
+  uint64_t build_bytes() const { return grid_build_bytes(shape_, num_photons_); }
+  /// Queues the build. The source, in device memory and with records where fluxes or rests are kept, and `memory` (build_bytes) stay until it is done.
   void build(const PhotonSource &source, void *memory, cudaStream_t stream) const;
 
   PhotonGrid view() const;

@@ -86,13 +86,16 @@ void CudaPhotonMap::build(const PhotonMapRequest &request, Lane &lane)
 {
   const DevicePoints points(request, memory_, lane);
   const PhotonSource &source = points.source();
+  // Payload in arrays of its own is packed into records first: a random read then touches one sector, not three.
+  const bool packs = source.records == nullptr && (request.has_fluxes || request.has_normals);
+  const DeviceBuffer<Photon> packed(memory_, packs ? source.num_photons : 0, "sorting photons");
   const DeviceBuffer<DevicePointsFound> found_buffer(memory_, 1, "a map's bounds");
   const DeviceBuffer<DeviceFill> fill_buffer(memory_, 1, "a map's bounds");
   Event begin, end;
   // Whatever happens, kernels end before the buffers go.
   const WaitAtEnd wait(lane.stream());
   begin.record(lane.stream());
-  launch_look_through(source, found_buffer.data(), lane.stream());
+  launch_look_through(source, found_buffer.data(), packed.data(), lane.stream());
   end.record(lane.stream());
   const PointsFound found = read_found(found_buffer, lane);
   double seconds = seconds_between(begin, end);
@@ -104,13 +107,15 @@ void CudaPhotonMap::build(const PhotonMapRequest &request, Lane &lane)
     return read_value(fill_buffer, lane);
   };
   // Queues the builds, and waits for them.
-  const auto build_all = [&](const std::vector<DevicePhotonGrid> &grids) {
+  const auto build_all = [&](const std::vector<DevicePhotonGrid> &grids, const PhotonSource &with_payload) {
     uint64_t bytes = 0;
-    for (const DevicePhotonGrid &grid : grids) bytes = std::max(bytes, grid.build_bytes(source));
+    for (const DevicePhotonGrid &grid : grids) bytes = std::max(bytes, grid.build_bytes());
     const DeviceBuffer<std::byte> working(memory_, bytes, "sorting photons");
     const WaitAtEnd wait_for_builds(lane.stream());
     begin.record(lane.stream());
-    for (const DevicePhotonGrid &grid : grids) grid.build(source, working.data(), lane.stream());
+    // The first of a map's grids alone has payload.
+    for (const DevicePhotonGrid &grid : grids)
+      grid.build(&grid == grids.data() ? with_payload : source, working.data(), lane.stream());
     end.record(lane.stream());
     lane.synchronize();
     seconds += seconds_between(begin, end);
@@ -120,7 +125,7 @@ void CudaPhotonMap::build(const PhotonMapRequest &request, Lane &lane)
       std::vector<DevicePhotonGrid> grid;
       grid.emplace_back(make_grid_shape(found.bounds, radius, source.num_photons), source.num_photons,
                         DevicePhotonGridOptions{false, false, true}, memory_);
-      build_all(grid);
+      build_all(grid, source);
       return double(fill_of(grid[0]).sum_of_squares) / double(source.num_photons);
     });
   }
@@ -133,7 +138,9 @@ void CudaPhotonMap::build(const PhotonMapRequest &request, Lane &lane)
     levels_.grids[level] = grids_.back().view();
     facts_.bytes += grids_.back().bytes();
   }
-  build_all(grids_);
+  PhotonSource with_payload = source;
+  if (packs) with_payload.records = packed.data();
+  build_all(grids_, with_payload);
   levels_.num = request.num_levels;
   levels_.bounds = found.bounds;
   facts_.fullest_cell = fill_of(grids_[0]).fullest;

@@ -93,12 +93,11 @@ std::unique_ptr<PhotonStore::Map> PhotonStore::make_map(uint64_t capacity) const
   map->records = {queue_.memory, capacity, "photons"};
   GridShape shape{};
   shape.table_size = uint32_t(largest_tables(capacity, most_slots_));
-  const PhotonSource source{map->records.data(), nullptr, nullptr, nullptr, capacity};
   const auto lay_out = [&](std::byte *base) {
     Layout layout(base);
     map->target = {layout.take<uint32_t>(uint64_t(shape.table_size) + 1), layout.take<PhotonProbe>(capacity),
                    layout.take<PhotonRest>(capacity), nullptr, false};
-    map->work_bytes = grid_build_bytes(shape, source, map->target);
+    map->work_bytes = grid_build_bytes(shape, capacity);
     map->work = layout.take<std::byte>(map->work_bytes);
     return layout.bytes();
   };
@@ -183,14 +182,14 @@ bool PhotonStore::trace()
 PhotonGrid PhotonStore::build(float radius)
 {
   const PhotonSource source{map_->records.data(), nullptr, nullptr, nullptr, num_stored_};
-  launch_look_through(source, found_, queue_.stream);
+  launch_look_through(source, found_, nullptr, queue_.stream);
   check(cudaMemcpyAsync(queue_.numbers, found_, sizeof *found_, cudaMemcpyDeviceToHost, queue_.stream),
         "cudaMemcpyAsync");
   check(cudaStreamSynchronize(queue_.stream), "cudaStreamSynchronize");
   const auto &found = *reinterpret_cast<const DevicePointsFound *>(queue_.numbers);
   const GridShape shape =
       make_grid_shape(num_stored_ != 0 ? bounds_of(found) : empty_box(), radius, num_stored_ / num_slots_);
-  if (grid_build_bytes(shape, source, map_->target, num_slots_) > map_->work_bytes)
+  if (grid_build_bytes(shape, source.num_photons, num_slots_) > map_->work_bytes)
     fail(GPURT_ERROR_INTERNAL, "a grid of {} photons wants more memory than one of {}", num_stored_,
          map_->capacity);
   launch_build_grid(shape, source, map_->target, map_->work, queue_.stream, num_slots_);
