@@ -4,6 +4,8 @@
 // Values that threads combine are minima, maxima and counts of integers: they do not depend on who comes first.
 #pragma once
 
+#include <bit>
+
 #include "core/math/vec.h"
 #include "cuda/warp_reduce.h"
 
@@ -41,8 +43,10 @@ GPURT_GROUP void lower_to(uint64_t *target, uint64_t x)
   atomicMin(reinterpret_cast<unsigned long long *>(target), static_cast<unsigned long long>(x));
 }
 GPURT_GROUP void raise_to(uint32_t *target, uint32_t x) { atomicMax(target, x); }
+GPURT_GROUP void set_bits(uint32_t *target, uint32_t x) { atomicOr(target, x); }
 /// Returns the value before.
 GPURT_GROUP uint32_t add_to(uint32_t *target, uint32_t x) { return atomicAdd(target, x); }
+GPURT_GROUP uint32_t count_bits(uint32_t x) { return uint32_t(__popc(x)); }
 
 constexpr unsigned warp_size = 32;
 
@@ -123,6 +127,8 @@ GPURT_GROUP void lower_to(int *target, int x) { *target = min(*target, x); }
 GPURT_GROUP void raise_to(int *target, int x) { *target = max(*target, x); }
 GPURT_GROUP void lower_to(uint64_t *target, uint64_t x) { *target = min(*target, x); }
 GPURT_GROUP void raise_to(uint32_t *target, uint32_t x) { *target = max(*target, x); }
+GPURT_GROUP void set_bits(uint32_t *target, uint32_t x) { *target |= x; }
+GPURT_GROUP uint32_t count_bits(uint32_t x) { return uint32_t(std::popcount(x)); }
 GPURT_GROUP void lower_by_warp(uint64_t *target, uint64_t x) { lower_to(target, x); }
 GPURT_GROUP uint32_t add_to(uint32_t *target, uint32_t x)
 {
