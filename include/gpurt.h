@@ -529,9 +529,9 @@ typedef enum gpurt_build_quality {
   GPURT_BUILD_QUALITY_AUTO = 0, /* HIGH: the same tree, and so the same bits, on every device */
   GPURT_BUILD_QUALITY_FAST = 1, /* CUDA, bvh and kdtree: large trees are built on the device, in milliseconds
                                    (kdtree: tens of them) a million triangles, and trace within a few percent of
-                                   the best. A ray that grazes
-                                   triangles may meet another one of those within its rounding than it does on
-                                   the CPU. Elsewhere as HIGH */
+                                   the best. Hits are those of HIGH,
+                                   bit for bit, but by MOLLER_TRUMBORE, by which a ray that grazes triangles may
+                                   meet another one of them. Elsewhere as HIGH */
   GPURT_BUILD_QUALITY_HIGH = 2, /* the tree that traces fastest, built on the host's threads */
   GPURT_BUILD_QUALITY_FORCE32 = 0x7fffffff
 } gpurt_build_quality;

@@ -42,7 +42,7 @@ SANITIZED = {
     "conformance/test_photons": "Cuda*Nearest*:Cuda*NoneInAn*:Cuda*Chooses*:Cuda*File*",
     "cuda/cuda_device": "CudaDevice.*:CudaMemory.RunsOutAtTheLimit*:CudaMemory.OfLittle*:CudaMemory.IsGivenBack:CudaThreads.*",
     "cuda/cuda_device_memory": "*Cuda*",
-    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*:CudaFast*:CudaCoherence.*",
+    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*:CudaFast*:CudaCoherence.*:CudaGrazing.*",
     "cuda/cuda_images": "CudaImages.Of*:CudaImages.AreTheSameInLittleMemory",
     "cuda/cuda_photon_images": "CudaPhotonImages.Of*:CudaPhotonImages.AreTheSameInLittleMemory",
     "cuda/cuda_photon_memory": "*Cuda*",
@@ -58,7 +58,7 @@ SANITIZED = {
 # and the uber-kernel, builders, queues of paths and photons, REYES with its fragments and splits, lanes that are counted.
 RACE_CHECKED = {
     "conformance/test_photons": "Cuda*Nearest*",
-    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*:CudaCoherence.*",
+    "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*:CudaCoherence.*:CudaGrazing.*",
     "cuda/cuda_images": "CudaImages.OfACornellBox*:CudaImages.AreTheSameInLittleMemory",
     "cuda/cuda_photon_images": "CudaPhotonImages.OfACornellBox*",
     "cuda/cuda_reyes": "CudaReyes.OfCoincident*:CudaReyesBlending.OfShells*",

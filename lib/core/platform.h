@@ -15,6 +15,8 @@
 #endif
 
 #define GPURT_INLINE GPURT_HD inline __attribute__((always_inline))
+// For what is rare amid what is not: a call, which takes no registers from the rest.
+#define GPURT_OUTLINE GPURT_HD inline __attribute__((noinline))
 
 #ifndef GPURT_ISA
 #define GPURT_ISA generic

@@ -150,22 +150,14 @@ class Hits : public ::testing::TestWithParam<Params> {
       desc.hits = nullptr;
       desc.occluded = large_occluded.data();
       GPURT_ASSERT_OK(gpurt_scene_trace(scene, &desc));
-      // Where an edge is near, kernels that list what they leave over may take another triangle there when lists are full.
-      Tally tally(title + ", many at once");
-      size_t num_near = 0, num_different = 0;
+      size_t num_different = 0;
       for (size_t i = 0; i < rays.size(); ++i) {
         const size_t k = i % rays_.size();
-        const Outcome outcome = judge_closest(truths_[k], rays[i], large_hits[i]);
-        tally.add(outcome, rays[i], ray_kind_names[int(kinds_[k])], large_hits[i].primitive, large_hits[i].t,
-                  truths_[k]);
-        const bool is_different =
+        num_different +=
             std::memcmp(&large_hits[i], &hits[k], sizeof(gpurt_hit)) != 0 || large_occluded[i] != occluded[k];
-        (outcome == Outcome::Near ? num_near : num_different) += is_different;
       }
-      EXPECT_EQ(tally.failures(), 0u) << title;
       EXPECT_EQ(num_different, 0u) << title << ": " << rays.size() << " rays at once, coherence "
                                    << coherence;
-      EXPECT_LE(num_near, rays.size() / 1000) << title;
     }
   }
 

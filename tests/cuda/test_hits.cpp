@@ -337,28 +337,6 @@ TEST(CudaTrees, AreExchangedBetweenDevices)
   compare_queries(scenes, amount(100'000, 10'000));
 }
 
-// Trees that the device builds are not those of the CPU. A ray that grazes a triangle, as one aimed at a vertex of a fine
-// mesh can, may then meet another of several triangles that lie within its rounding: fewer than one in 100,000 of these rays.
-void expect_nearly_same_hits(const ScenePair &scenes, uint64_t num_rays)
-{
-  const std::vector<gpurt_ray> rays = make_rays(scenes.targets, 0, num_rays);
-  const auto expected = trace<gpurt_hit>(scenes.reference, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays);
-  const auto tested = trace<gpurt_hit>(scenes.tested, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, rays);
-  const auto any = trace<uint8_t>(scenes.tested, GPURT_QUERY_ANY, GPURT_HIT_FULL, rays);
-  uint64_t num_different = 0, num_hits = 0;
-  for (size_t i = 0; i < rays.size(); ++i) {
-    const bool is_hit = expected[i].primitive != GPURT_INVALID_ID;
-    num_hits += is_hit;
-    if (same_bits(tested[i], expected[i]) && any[i] == uint8_t(is_hit)) continue;
-    ++num_different;
-    std::printf("ray %zu (%s): %s\n  expected %s\n  but      %s, any %d\n", i, ray_kind_name(i),
-                describe(rays[i]).c_str(), describe(expected[i]).c_str(), describe(tested[i]).c_str(),
-                int(any[i]));
-  }
-  EXPECT_LE(num_different, num_rays / 100'000);
-  EXPECT_GT(num_hits, num_rays / 25);
-}
-
 void commit_fast(gpurt_scene scene, gpurt_accel accel = GPURT_ACCEL_BVH)
 {
   gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
@@ -393,7 +371,7 @@ TEST(CudaFastBvhs, HitWhatTheCpusHit)
     EXPECT_LT(facts.sah_cost, host.sah_cost * 1.05);
     EXPECT_GE(facts.num_references, facts.num_triangles * 9 / 10);
     EXPECT_LE(facts.tree_depth, 64u);
-    expect_nearly_same_hits(scenes, amount(1'000'000, 20'000));
+    EXPECT_GT(compare_queries(scenes, amount(1'000'000, 20'000)), amount(40'000, 800));
     compare_all_hits(scenes, amount(50'000, 2'000));
   }
 }
@@ -413,7 +391,7 @@ TEST(CudaFastKdTrees, HitWhatTheCpusHit)
     EXPECT_LT(facts.sah_cost, host.sah_cost * 1.05);
     EXPECT_GE(facts.num_references, facts.num_triangles * 9 / 10);
     EXPECT_LE(facts.tree_depth, 48u);
-    expect_nearly_same_hits(scenes, amount(1'000'000, 20'000));
+    EXPECT_GT(compare_queries(scenes, amount(1'000'000, 20'000)), amount(40'000, 800));
     compare_all_hits(scenes, amount(50'000, 2'000));
   }
 }
@@ -577,7 +555,7 @@ TEST(CudaFastBvhs, AreRefittedToVerticesThatMove)
     }
     pair.targets.mesh = mesh;
     set_bounds(pair.targets);
-    expect_nearly_same_hits(pair, amount(1'000'000, 20'000));
+    EXPECT_GT(compare_queries(pair, amount(1'000'000, 20'000)), amount(40'000, 800));
   };
   // Little by little the tree stays good.
   for (int frame = 0; frame < 3; ++frame) {

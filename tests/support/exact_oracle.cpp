@@ -145,14 +145,54 @@ auto decide(const ExactOracle &oracle, F &&with_intervals, G &&with_rationals)
   }
 }
 
+struct Range {
+  double low = infinite, high = -infinite;
+};
+
+// Where along the main axis, from the ray's origin, the part of a triangle lies that is within `width` of the ray across it.
+Range range_near_ray(const gpurt_ray &ray, int kz, const Point (&p)[3], double width)
+{
+  typedef std::array<long double, 3> Corner;
+  const Sheared<long double> s(ray, kz, p);
+  const long double dz = ray.direction[kz];
+  std::vector<Corner> part;
+  for (int i = 0; i < 3; ++i)
+    part.push_back({s.x[i] / dz, s.y[i] / dz, static_cast<long double>(p[i][kz]) - ray.origin[kz]});
+  for (int side = 0; side < 4; ++side) {
+    const auto inside = [&](const Corner &c) { return width - (side % 2 ? 1 : -1) * c[side / 2]; };
+    std::vector<Corner> kept;
+    for (size_t i = 0; i < part.size(); ++i) {
+      const Corner &a = part[i], &b = part[(i + 1) % part.size()];
+      const long double da = inside(a), db = inside(b);
+      if (da >= 0) kept.push_back(a);
+      if ((da < 0) == (db < 0)) continue;
+      const long double share = da / (da - db);
+      Corner c;
+      for (int k = 0; k < 3; ++k) c[k] = a[k] + share * (b[k] - a[k]);
+      kept.push_back(c);
+    }
+    part = kept;
+  }
+  Range range;
+  for (const Corner &c : part) {
+    range.low = std::min(range.low, double(c[2]));
+    range.high = std::max(range.high, double(c[2]));
+  }
+  return range;
+}
+
 // Where the library's t of an accepted triangle may lie.
 //
-// It is num/det of PlaneDistance in double, u = 2^-53. Num is a sum of products of three differences with at most 8
-// rounded operations on any path, det of two differences and a direction with 7, so that with A the same sums of
+// Of a clear triangle it is num/det of PlaneDistance in double, u = 2^-53. Num is a sum of products of three differences with
+// at most 8 rounded operations on any path, det of two differences and a direction with 7, so that with A the same sums of
 // magnitudes, |num' - num| <= 8.01 u A_num and |det' - det| <= 7.01 u A_det (Higham 2002, Section 3.1). 1/det and the
 // product round twice more. The result is cut to the triangle's extent along the main axis, and rounded to float once,
 // which is monotonic: so both ends can be rounded to float as well.
-void bound_distance(const gpurt_ray &ray, int kz, const Point (&p)[3], Candidate &candidate)
+//
+// Of a near triangle, whose plane the ray may meet far from it, and of one of which roundings may be all that is seen, it is
+// where the ray passes the triangle: within the test's rounding, or within 4 eps M in space, which is 8 eps M across the ray
+// and 4 eps M along it (eps = 2^-24, and M the largest distance of a corner from the origin along an axis).
+void bound_distance(const gpurt_ray &ray, int kz, const Point (&p)[3], double edge_unit, Candidate &candidate)
 {
   const double u = 0x1p-53;
   const auto e1 = difference<double>(p[1].data(), p[0].data()),
@@ -175,14 +215,33 @@ void bound_distance(const gpurt_ray &ray, int kz, const Point (&p)[3], Candidate
     ends[0] = std::min(ends[0], t - 4 * u * std::abs(t));
     ends[1] = std::max(ends[1], t + 4 * u * std::abs(t));
   }
-  double low = ends[0], high = ends[1];
-  if (std::abs(det) > det_error) {
+  const auto largest = [](const std::array<double, 3> &x) {
+    return std::max({std::abs(x[0]), std::abs(x[1]), std::abs(x[2])});
+  };
+  const double smallest_det = 0x1p-17 * largest(e1) * largest(e2) * largest(d);
+  double low = infinite, high = -infinite;
+  if (!candidate.is_near && std::abs(det) > det_error) {
     const double t = num / det;
     const double bound =
         (num_error + std::abs(t) * det_error) / (std::abs(det) - det_error) + 4 * u * std::abs(t);
-    low = std::clamp(t - bound, ends[0], ends[1]);
-    high = std::clamp(t + bound, ends[0], ends[1]);
+    low = t - bound;
+    high = t + bound;
   }
+  if (candidate.is_near || !(std::abs(det) > smallest_det)) {
+    double reach = 0;
+    for (const Point &corner : p) {
+      for (int k = 0; k < 3; ++k) reach = std::max(reach, std::abs(double(corner[k]) - ray.origin[k]));
+    }
+    const double eps = 0x1p-24, dz = std::abs(double(ray.direction[kz]));
+    const Range range = range_near_ray(ray, kz, p, std::max(edge_unit, 8 * eps) * 1.01 * reach);
+    const double sign = ray.direction[kz] > 0 ? 1 : -1;
+    for (const double z : {range.low, range.high}) {
+      low = std::min(low, (sign * z - 4.01 * eps * reach) / dz);
+      high = std::max(high, (sign * z + 4.01 * eps * reach) / dz);
+    }
+  }
+  low = std::clamp(low, ends[0], ends[1]);
+  high = std::clamp(high, ends[0], ends[1]);
   candidate.t_low = float(low);
   candidate.t_high = float(high);
 }
@@ -309,7 +368,7 @@ RayTruth ExactOracle::operator()(const gpurt_ray &ray, const TestPrecision &prec
           [&] { return examine<Rational>(ray, kz, p, delta); });
       if (!verdict.is_met && verdict.near_edges == 0) continue;
       Candidate c = {id, verdict.near_edges != 0, verdict.is_met, 0, 0, 0};
-      bound_distance(ray, kz, p, c);
+      bound_distance(ray, kz, p, unit, c);
       truth.candidates.push_back(c);
       near_edges.push_back(verdict.near_edges);
     }

@@ -1,6 +1,7 @@
 // Ray queries through the kd-tree and the bvh against brute force over all triangles.
 #include <tbb/parallel_for.h>
 
+#include "../support/rays.h"
 #include "accel/bvh_build.h"
 #include "accel_test.h"
 #include "core/accel/sort_hits.h"
@@ -80,6 +81,29 @@ TEST_P(TreeTrace, MeetsWhatBruteForceMeets)
   expect_brute_force(scene_of(twice), mixed_rays(rng, 20000, 1), "every triangle twice");
   expect_brute_force(scene_of(box({-1, -1, -1}, {1, 1, 1})), mixed_rays(rng, 20000, 1), "box");
   expect_brute_force(scene_of(icosphere(3, 1)), mixed_rays(rng, 20000, 1), "icosphere");
+}
+
+// Rays that graze meet triangles by rounding alone, and pass the plane of these far from them. What is hit, and where, does not
+// depend on the tree or on the order of its leaves for all that: a t is one at which the triangle is found.
+TEST_P(TreeTrace, GrazingRaysMeetWhatBruteForceMeets)
+{
+  constexpr size_t num_rays = 6000;
+  for (const char *kind : {"thin", "needles", "city"}) {
+    const gpurt_test::Mesh shape = gpurt_test::mesh_of_kind(kind).mesh;
+    Mesh mesh;
+    for (const auto &p : shape.vertices) mesh.positions.push_back({p[0], p[1], p[2]});
+    for (const auto &t : shape.triangles) mesh.triangles.push_back({t[0], t[1], t[2]});
+    gpurt_test::RaySource source(shape, {}, 5);
+    std::vector<Ray> rays;
+    for (size_t i = 0; i < num_rays; ++i) {
+      const gpurt_ray r = source(i % 4 == 0 ? gpurt_test::RayKind::Vertex : gpurt_test::RayKind::Grazing);
+      rays.push_back({{r.origin[0], r.origin[1], r.origin[2]},
+                      r.tmin,
+                      {r.direction[0], r.direction[1], r.direction[2]},
+                      r.tmax});
+    }
+    expect_brute_force(scene_of(mesh), rays, kind);
+  }
 }
 
 // Catalogue row 20.

@@ -19,6 +19,8 @@
 //   both fma, o' by all six, h by those of i and of the last fma. The box lies in the tree's bounds, whose half extent be
 //   R: |c| + h <= R and |o'| + R <= M, so this is at most 6 eps M. So with w = 16 eps M/|d_k| no box that contains Q is
 //   left out, and there are nearly 3 eps M to spare, for terms in eps^2 and the rounding of M and w themselves.
+//   The t that the test gives is one of these t_Q, rounded to float (measure_hit), which takes one eps M of the three: leaves
+//   are left out only where no triangle of theirs can be the nearest, and which one is does not depend on the tree.
 //
 // Where box and ray are parallel, |i| is cut to 2^30/|d_z|: the ray then moves by less than 2^-30 M, of what there is to
 // spare, and a slab further from it than 16 eps M is still told apart. Where M |i| might overflow, w is made
@@ -42,24 +44,6 @@ struct BvhRay {
 };
 
 GPURT_FUNCTIONS_BEGIN
-
-// The larger or smaller one; `x` where y is not a number. x is one.
-GPURT_INLINE float at_least(float x, float y)
-{
-#if defined(__CUDA_ARCH__)
-  return fmaxf(x, y);
-#else
-  return y > x ? y : x;
-#endif
-}
-GPURT_INLINE float at_most(float x, float y)
-{
-#if defined(__CUDA_ARCH__)
-  return fminf(x, y);
-#else
-  return y < x ? y : x;
-#endif
-}
 
 GPURT_INLINE BvhRay make_bvh_ray(const TraceRay &ray, const BvhView &tree)
 {

@@ -12,7 +12,7 @@
 // A plane is stored as f, 1 <= f < 2, and computed is s - w = fma(f, E i, w' - (o' + 3/2 E) i - b). Off by, times |d_k|:
 // f by eps E / 2 from the code's steps of 2^-22 and its rounding; i by 2 eps of |p - o|; E i by eps 2 E; o' and its sum by
 // 2 eps (|o'| + 3/2 E), the product by as much as half of that; b, of at most 5 M/|d_z|, by 5 eps M at each of two sums; the
-// result by eps (M + 5 M). With |o'| + R <= M and R <= M that is below 44 eps M, and 7 eps M are the triangle test's. So
+// result by eps (M + 5 M). With |o'| + R <= M and R <= M that is below 44 eps M, and 8 eps M are the triangle test's. So
 // with w = 64 eps M/|d_k| no leaf is left out.
 #pragma once
 

@@ -11,11 +11,12 @@
 //   (one rounding of each difference, two of d_x/d_z, one of the product, one of the last difference, |d_x/d_z| <= 1),
 //   and its verdict is exact for the corners so displaced. An accepted triangle therefore has a point Q whose other two
 //   coordinates are within 7 eps M of the ray's point at Q's own parameter t_Q = (Q_z - o_z)/d_z. Q lies in the cell
-//   of a leaf that holds the triangle, since builders clip conservatively.
+//   of a leaf that holds the triangle, since builders clip conservatively. The t that the test gives is such a t_Q, rounded
+//   to float: 8 eps M in place of 7 (measure_hit), so that the nearest hit does not depend on the tree.
 //   The distance to a plane, s = (plane - o_k) * (1/d_k), is rounded three times: an error of 3 eps M/|d_k|.
 //   s - w and s + w are rounded once: less than 2 eps M/|d_k|.
 //
-// If Q is on the near side of a plane of axis k, then t_Q <= s + (7 + 3 + 2) eps M/|d_k|, and on the far side t_Q >= s
+// If Q is on the near side of a plane of axis k, then t_Q <= s + (8 + 3 + 2) eps M/|d_k|, and on the far side t_Q >= s
 // less that. So with w_k = 16 eps M/|d_k| the interval [a, b] of every node above Q's leaf contains t_Q, when a child is
 // left out only if s - w > b or s + w < a, and its interval is cut at s - w or s + w. So, too, two planes that bound a
 // visited cell are passed in the wrong order by no more than (16 + 2 + 3) eps M/|d_k| each: the ray meets every leaf

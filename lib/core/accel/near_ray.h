@@ -6,7 +6,7 @@
 // beside the scene that they are placed in, as far rays, whose boxes are widened on the way.
 //
 // In the terms of bvh_traverse.h, with M no more than half of the frame's reach, boxes are larger by 20 eps M on each side. Of
-// these 7 eps M are the triangle test's; 7 those of the box test's roundings with a reciprocal that is off by 1 ulp; and 3 those of
+// these 8 eps M are the triangle test's; 7 those of the box test's roundings with a reciprocal that is off by 1 ulp; and 3 those of
 // taking tmin, of at most M/|d_z|, from every distance: three sums are rounded, each by eps of what it then has of tmin.
 // Boxes of far rays are widened by 24 eps M: as much, and what rounding the sum of a half extent and that takes, eps M.
 #pragma once
@@ -67,25 +67,6 @@ GPURT_INLINE float loose_min(float a, float b, float c, float d)
   return at_most(at_most(at_most(d, a), b), c);
 }
 #endif
-
-// As abs(), which compilers for GPUs make a part of the instruction that takes it only so.
-GPURT_INLINE float size_of(float x)
-{
-#if defined(__CUDA_ARCH__)
-  return fabsf(x);
-#else
-  return abs(x);
-#endif
-}
-
-GPURT_INLINE float larger_size(float x, float y)
-{
-#if defined(__CUDA_ARCH__)
-  return fmaxf(fabsf(x), fabsf(y));
-#else
-  return max(abs(x), abs(y));
-#endif
-}
 
 // What a ray has in common with all trees that it may be near.
 struct NearBegin {
@@ -189,7 +170,7 @@ GPURT_INLINE EdgeVerdict test_near(const NearRay &r, Vec3f a, Vec3f b, Vec3f c, 
   // more. So z, the mean of the corners' weighed by the edge functions, is off by s H with s = 48 eps (C + Z) C / |D|, or
   // by s / (1 - s) H where that moves D itself: by less than 4/3 s H for s below 3/16. It is never off by more than H,
   // since it and what intersect() gives both lie within the corners'. Roundings of z, of the mean and of t and the turn
-  // are less than 16 eps (C + Z). What intersect() itself is off by, in double, is 2^-29 of that, or again less than H.
+  // are less than 15 eps (C + Z). What intersect() itself is off by, in double, is 2^-29 of that, eps/8 (C + Z) or less than H.
   const float z_low = at_most(za, at_most(zb, zc)), z_high = at_least(za, at_least(zb, zc));
   const float C =
       at_least(at_least(larger_size(sa.x, sa.y), larger_size(sb.x, sb.y)), larger_size(sc.x, sc.y));

@@ -42,6 +42,43 @@ GPURT_INLINE uint64_t max(uint64_t a, uint64_t b) { return a < b ? b : a; }
 GPURT_INLINE float clamp(float x, float lo, float hi) { return x < lo ? lo : (hi < x ? hi : x); }
 GPURT_INLINE float abs(float x) { return float_from_bits(float_bits(x) & 0x7fffffffu); }
 GPURT_INLINE double abs(double x) { return __builtin_fabs(x); }
+
+// The larger or smaller one; `x` where y is not a number. x is one.
+GPURT_INLINE float at_least(float x, float y)
+{
+#if defined(__CUDA_ARCH__)
+  return fmaxf(x, y);
+#else
+  return y > x ? y : x;
+#endif
+}
+GPURT_INLINE float at_most(float x, float y)
+{
+#if defined(__CUDA_ARCH__)
+  return fminf(x, y);
+#else
+  return y < x ? y : x;
+#endif
+}
+
+// As abs(), which compilers for GPUs make a part of the instruction that takes it only so.
+GPURT_INLINE float size_of(float x)
+{
+#if defined(__CUDA_ARCH__)
+  return fabsf(x);
+#else
+  return abs(x);
+#endif
+}
+
+GPURT_INLINE float larger_size(float x, float y)
+{
+#if defined(__CUDA_ARCH__)
+  return fmaxf(fabsf(x), fabsf(y));
+#else
+  return max(abs(x), abs(y));
+#endif
+}
 GPURT_INLINE float sqr(float x) { return x * x; }
 GPURT_INLINE float copysign(float magnitude, float sign)
 {

@@ -80,9 +80,6 @@ struct BlockTest<TriangleTest::Watertight> {
     const Ints u_above = u > zero, v_above = v > zero, w_above = w > zero;
     const uint32_t kept = lanes(~((u_below | v_below | w_below) & (u_above | v_above | w_above)));
     if (kept == 0) return 0;
-    store(u, edge_u);
-    store(v, edge_v);
-    store(w, edge_w);
     decided = lanes((u_below | u_above) & (v_below | v_above) & (w_below | w_above));
     // t lies between the corners' distances along the main axis, each of which is rounded three times.
     const Floats ta = sz * az, tb = sz * bz, tc = sz * cz;
@@ -99,14 +96,10 @@ struct BlockTest<TriangleTest::Watertight> {
     const Vec3f a = block::corner_of(block, 0, lane), b = block::corner_of(block, 1, lane),
                 c = block::corner_of(block, 2, lane);
     // Where no edge function is 0 the scalar test goes straight on to measure.
-    if (decided >> lane & 1u) {
-      const auto weights = [&] { return EdgeWeights{edge_u[lane], edge_v[lane], edge_w[lane]}; };
-      return measure_hit(r.origin, r.direction, r.kz, a, b, c, weights, tmin, limit, h);
-    }
+    if (decided >> lane & 1u) return measure_accepted(r, a, b, c, tmin, limit, h);
     return intersect<Rule>(r, a, b, c, tmin, limit, h);
   }
 
-  float edge_u[triangles_per_block], edge_v[triangles_per_block], edge_w[triangles_per_block];
   uint32_t decided;
 };
 

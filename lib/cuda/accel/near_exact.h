@@ -35,7 +35,7 @@ __device__ __noinline__ float exact_t(const TraceScene &s, const NearBatch &batc
   Ray own = ray;
   const LeafTriangle x = load_triangle(enter_space<Kind>(s, placement, own), reference & ~unclear_bit);
   TriangleHit hit;
-  bool is_clear = (reference & unclear_bit) == 0, is_hit = is_clear && measure(s, x, own, hit, is_clear);
+  bool is_clear = (reference & unclear_bit) == 0, is_hit = is_clear && measure(x, own, hit, is_clear);
   if (!is_clear)
     is_hit = intersect<EdgeRule::Inclusive>(triangle_ray_of(own), x.a, x.b, x.c, ray.tmin, ray.tmax, hit);
   if (!is_hit) return no_t;

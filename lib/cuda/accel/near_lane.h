@@ -165,24 +165,14 @@ __device__ __forceinline__ bool any_in_triangle(const LeafTriangle &x, uint32_t 
   return false;
 }
 
-// Measures a triangle that the edge functions have told to be hit. False where t is out of the ray's interval; where the
-// triangle is seen edge-on, which single precision may miss, `is_clear` becomes false.
-//
-// So it does in a kd-tree where the plane is met on the triangle's border or beyond: t may then be outside of the cell that
-// the triangle was found in, and whether it is found there depends on how much is left to rounding, which in these kernels
-// is more than on the CPU. The boxes of bvhs hold their triangles as far as t may be.
-__device__ __forceinline__ bool measure(const TraceScene &s, const LeafTriangle &x, const Ray &ray,
-                                        TriangleHit &hit, bool &is_clear)
+// Measures a triangle that the edge functions have told to be hit. False where t is out of the ray's interval; where the plane
+// does not tell the hit, as on a border that rounding moves or edge-on, `is_clear` becomes false, and intersect() has to.
+__device__ __forceinline__ bool measure(const LeafTriangle &x, const Ray &ray, TriangleHit &hit,
+                                        bool &is_clear)
 {
-  const bool is_hit = measure_hit(
+  return measure_hit(
       ray.origin, ray.direction, main_axis_of(ray.direction), x.a, x.b, x.c,
-      [&] {
-        is_clear = false;
-        return EdgeWeights{1.0, 1.0, 1.0};
-      },
-      ray.tmin, ray.tmax, hit);
-  if (is_hit && !s.has_bvhs && (hit.u == 0.0f || hit.v == 0.0f || hit.v == 1.0f - hit.u)) is_clear = false;
-  return is_hit;
+      [&](MeetingPoint &) { is_clear = false; }, ray.tmin, ray.tmax, hit);
 }
 
 __device__ __forceinline__ void store_closest(const TraceScene &s, const NearBatch &batch, uint32_t i,
@@ -223,29 +213,23 @@ __device__ __forceinline__ TriangleRay<TriangleTest::Watertight> triangle_ray_of
   return triangle_ray;
 }
 
-// The nearest of a ray's candidates, candidate(0) to candidate(count - 1). False: the ray has to go the general way.
+// The nearest of a ray's candidates, candidate(0) to candidate(count - 1).
 template <class Kind, class CandidateAt>
-__device__ __forceinline__ bool measure_candidates(const TraceScene &s, const Ray &ray, uint32_t count,
+__device__ __forceinline__ void measure_candidates(const TraceScene &s, const Ray &ray, uint32_t count,
                                                    CandidateAt &&candidate_at, Finished &finished)
 {
   const TriangleRay<TriangleTest::Watertight> world_ray = triangle_ray_of(ray);
   Hit &best = finished.hit;
   best = {ray.tmax, 0.0f, 0.0f, invalid_id, invalid_id};
   finished.primitive = invalid_id;
-  bool is_clear = true;
   for (uint32_t k = 0; k < count; ++k) {
     const Candidate candidate = candidate_at(k);
     Ray own = ray;
     const LeafTriangle *triangles = enter_space<Kind>(s, candidate.placement, own);
     const LeafTriangle x = load_triangle(triangles, candidate.reference & ~unclear_bit);
     TriangleHit hit;
-    if constexpr (Kind::bvh) {
-      const auto &own_ray = Kind::placements ? triangle_ray_of(own) : world_ray;
-      if (!intersect<EdgeRule::Inclusive>(own_ray, x.a, x.b, x.c, ray.tmin, ray.tmax, hit)) continue;
-    } else {
-      if ((candidate.reference & unclear_bit) != 0) is_clear = false;
-      if (!measure(s, x, own, hit, is_clear)) continue;
-    }
+    const auto &own_ray = Kind::placements ? triangle_ray_of(own) : world_ray;
+    if (!intersect<EdgeRule::Inclusive>(own_ray, x.a, x.b, x.c, ray.tmin, ray.tmax, hit)) continue;
     const Hit found = {hit.t, hit.u, hit.v, x.triangle, candidate.placement};
     if (best.triangle != invalid_id && hit.t >= best.t) {
       if (hit.t > best.t) continue;
@@ -254,10 +238,9 @@ __device__ __forceinline__ bool measure_candidates(const TraceScene &s, const Ra
     best = found;
     finished.primitive = x.primitive;
   }
-  return is_clear;
 }
 
-// Finishes a ray by its candidates or, where they do not tell or there are too many, the general way.
+// Finishes a ray by its candidates or, where there are too many, the general way.
 template <TraceQuery Query, class Kind, class CandidateAt>
 __device__ __forceinline__ void finish_left_over(const TraceScene &s, const NearBatch &batch, uint32_t i,
                                                  uint32_t count, CandidateAt &&candidate_at)
@@ -265,7 +248,9 @@ __device__ __forceinline__ void finish_left_over(const TraceScene &s, const Near
   constexpr bool is_any = Query == TraceQuery::Any;
   const Ray ray = load_ray(batch.rays, i, true);
   Finished finished;
-  if (count > max_candidates || !measure_candidates<Kind>(s, ray, count, candidate_at, finished)) {
+  if (count <= max_candidates) {
+    measure_candidates<Kind>(s, ray, count, candidate_at, finished);
+  } else {
     const auto &accel = [&]() -> const auto & {
       if constexpr (Kind::bvh) return s.bvhs;
       else return s.kd_trees;
@@ -335,7 +320,7 @@ __device__ __forceinline__ bool measure_one(const TraceScene &s, const NearBatch
     const LeafTriangle *triangles = enter_space<Kind>(s, candidate.placement, own);
     const LeafTriangle x = load_triangle(triangles, candidate.reference);
     TriangleHit hit;
-    if (measure(s, x, own, hit, is_clear)) {
+    if (measure(x, own, hit, is_clear)) {
       best = {hit.t, hit.u, hit.v, x.triangle, candidate.placement};
       primitive = x.primitive;
     }

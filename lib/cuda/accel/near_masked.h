@@ -39,8 +39,7 @@ __device__ __forceinline__ bool measure_single(const TraceScene &s, const Ray &r
   if (reference == no_candidate) return true;
   const LeafTriangle x = load_triangle(s.near_triangles, reference);
   TriangleHit hit;
-  if (measure(s, x, ray, hit, is_clear))
-    finished = {{hit.t, hit.u, hit.v, x.triangle, invalid_id}, x.primitive};
+  if (measure(x, ray, hit, is_clear)) finished = {{hit.t, hit.u, hit.v, x.triangle, invalid_id}, x.primitive};
   return is_clear;
 }
 

@@ -359,9 +359,9 @@ class Scene:
         :param patch_tolerance: largest distance in metres of the world between a patch and its triangles; 0:
             1e-4 of the diagonal of the patches' bounds, or none with patch_pixels.
         :param tree_cache: file of a kd-tree: reused if it fits the scene, else written.
-        :param quality: "fast" (GPU, bvh: large trees are built on the device, in milliseconds a million triangles; rays
-            that graze triangles may meet others within their rounding than on the CPU) or "high" (the tree that traces
-            fastest, built on the host's threads); "auto": "high".
+        :param quality: "fast" (GPU: large trees are built on the device, in milliseconds a million triangles; hits are the
+            same, but by "moller-trumbore", by which a ray that grazes triangles may meet another one of them) or "high"
+            (the tree that traces fastest, built on the host's threads); "auto": "high".
         :param patch_pixels: > 0: largest distance between a patch and its triangles in pixels of the picture of
             patch_camera, as far as it shows them directly: patches have fewer triangles the further away they are. With
             patch_tolerance too, the smaller one holds.

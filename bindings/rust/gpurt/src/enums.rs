@@ -99,8 +99,8 @@ c_enum! {
     BuildQuality {
         /// `High`: the same tree, and so the same bits, on every device.
         Auto = GPURT_BUILD_QUALITY_AUTO,
-        /// CUDA, bvh: large trees are built on the device, in milliseconds a million triangles. Rays that graze
-        /// triangles may meet others within their rounding than on the CPU. Elsewhere as `High`.
+        /// CUDA: large trees are built on the device, in milliseconds a million triangles. Hits are the same, but by
+        /// Moeller and Trumbore's test, by which a ray that grazes triangles may meet another one of them. Elsewhere as `High`.
         Fast = GPURT_BUILD_QUALITY_FAST,
         /// The tree that traces fastest, built on the host's threads.
         High = GPURT_BUILD_QUALITY_HIGH,
