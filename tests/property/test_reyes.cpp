@@ -357,6 +357,50 @@ TEST_P(Reyes, BlendsASurfaceOnce)
   }
 }
 
+// Isolines turn back at outlines, where they are short on the image: segments of the length that is aimed for elsewhere would
+// cut the turns off, here by a sixth of a pixel.
+TEST_P(Reyes, CoversTheTurnsAtOutlines)
+{
+  Device device = make_device(GetParam());
+  constexpr uint32_t size = 48, spp = 64;
+  for (const int around : {16, 24, 32}) {
+    // A tube along y, whose outlines lie amid patches: arcs of a circle of radius 1.
+    const double half = 3.14159265 / around, handle = 4.0 / 3 * std::tan(half / 2);
+    std::vector<PatchNet> nets;
+    for (int m = 0; m < around; ++m) {
+      PatchNet net;
+      for (int k = 0; k < 16; ++k) {
+        const double side = k % 4 < 2 ? -1 : 1, off = k % 4 == 1 || k % 4 == 2 ? handle : 0;
+        const double angle = 2 * half * m + side * half, x = std::cos(angle), z = std::sin(angle);
+        net[size_t(k)] = {float(x + side * off * z), float(k / 4) - 1.5f, float(z - side * off * x)};
+      }
+      nets.push_back(net);
+    }
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+    // From far away: next to no perspective.
+    add_patches(scene, nets, 0, {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, -100}});
+    add_camera(scene, {0, 0, 0}, 0.026f);
+    gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
+    build.accel = GPURT_ACCEL_BVH;
+    build.patch_tolerance = 1e-4f;
+    GPURT_ASSERT_OK(gpurt_scene_commit(scene, &build));
+    const RenderOptions o = reyes_options(size, spp);
+    const std::vector<int> ours = covered_samples(scene, o, 0),
+                           theirs = covered_samples(scene, path_options(o), 0);
+    int most = 0, num_edge = 0;
+    for (size_t p = 0; p < ours.size(); ++p) {
+      most = std::max(most, std::abs(ours[p] - theirs[p]));
+      num_edge += theirs[p] != 0 && theirs[p] != int(spp);
+    }
+    std::printf("%d patches around: %d pixels at outlines, at most %d of 64 samples off\n", around, num_edge,
+                most);
+    EXPECT_GT(num_edge, 50);
+    // 1/32 of half a pixel, and 1/256 for the rounding of vertices, are worth two samples.
+    EXPECT_LE(most, 2);
+  }
+}
+
 // Where the surface allows it, micropolygons are larger, and outlines move by less than was allowed: pixels all of whose
 // neighbours are covered, or none, stay so.
 TEST_P(Reyes, DicesFlatRegionsCoarser)

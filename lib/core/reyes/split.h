@@ -136,6 +136,21 @@ GPURT_HD inline uint32_t flat_segment_bits(const float (&x)[4], const float (&y)
   return bits_of_square(0.75f * step * step * largest / tolerance);
 }
 
+// Segments that a curve C needs where it turns. Where it turns back on the image, as at an outline, it is short, and a chord of
+// the length that is aimed for would cut the turn off. Steps of n segments differ by |C''| / n^2: while that is a quarter of
+// an edge at most, chords stay within 1/32 of an edge of the curve. Elsewhere its length asks for more.
+GPURT_INLINE float turning_segments(float second_derivative, float inv_edge)
+{
+  return sqrt(4.0f * second_derivative * inv_edge);
+}
+
+// The second difference of points on the image.
+GPURT_INLINE float second_difference(const float *x, const float *y, int a, int b, int c)
+{
+  const float dx = (x[a] + x[c]) - 2.0f * x[b], dy = (y[a] + y[c]) - 2.0f * y[b];
+  return sqrt(dx * dx + dy * dy);
+}
+
 // Decides the range [k0, k0 + 2^bits] of the isoline with the given control points: the distance of its vertices, or
 // open_edge if the halves are to decide. A function of the isoline's curve and the range, and of the same from its other end.
 GPURT_HD inline uint8_t decide_edge(const float (&x)[4], const float (&y)[4], const float (&w)[4],
@@ -160,7 +175,10 @@ GPURT_HD inline uint8_t decide_edge(const float (&x)[4], const float (&y)[4], co
   }
   const float longest = 4.0f * max(max(chord[0], chord[3]), max(chord[1], chord[2]));
   const float sum = (chord[0] + chord[3]) + (chord[1] + chord[2]);
-  uint32_t segments = segment_bits(longest * dice.inv_edge);
+  float turn = 0.0f;
+  for (int i = 0; i < 3; ++i) turn = max(turn, second_difference(px, py, i, i + 1, i + 2));
+  uint32_t segments =
+      segment_bits(max(longest * dice.inv_edge, turning_segments(16.0f * turn, dice.inv_edge)));
   if (dice.flatness > 0.0f && segments > 0)
     segments = min(segments, flat_segment_bits(x, y, w, k0, bits, 0.5f * dice.flatness));
   // Segments that would differ much in length: the halves can do better.
@@ -289,9 +307,10 @@ GPURT_INLINE uint32_t edge_segment_bits(uint8_t distance_bits, uint32_t bits)
 }
 
 // How long row r of the control points of a piece is along u, and column r along v: on the image where the piece is in
-// front of the eye, (x, y) then being pixels and depth_scale 0; else in raster coordinates as they are.
+// front of the eye, (x, y) then being pixels and depth_scale 0; else in raster coordinates as they are. On the image one
+// that turns counts as no shorter than its turns want.
 GPURT_HD inline void polygon_lengths(const float *x, const float *y, const float *w, float depth_scale, int r,
-                                     float &along_u, float &along_v)
+                                     float inv_edge, float &along_u, float &along_v)
 {
   along_u = along_v = 0.0f;
   for (int c = 0; c < 3; ++c) {
@@ -306,6 +325,14 @@ GPURT_HD inline void polygon_lengths(const float *x, const float *y, const float
       along_v += length(Vec3f{vx, vy, (w[j + 4] - w[j]) * depth_scale});
     }
   }
+  if (depth_scale != 0.0f) return;
+  const int i = 4 * r;
+  const float turn_u =
+      max(second_difference(x, y, i, i + 1, i + 2), second_difference(x, y, i + 1, i + 2, i + 3));
+  const float turn_v =
+      max(second_difference(x, y, r, r + 4, r + 8), second_difference(x, y, r + 4, r + 8, r + 12));
+  along_u = max(along_u, turning_segments(6.0f * turn_u, inv_edge) / inv_edge);
+  along_v = max(along_v, turning_segments(6.0f * turn_v, inv_edge) / inv_edge);
 }
 
 // Makes the lengths of a piece in front of the eye no longer than its curvature wants them. Between the corners of cells of
@@ -400,8 +427,8 @@ GPURT_HD inline PieceAction decide_piece(const RasterPatch &patch, const RasterP
   float length_u = 0.0f, length_v = 0.0f;
   for (int r = 0; r < 4; ++r) {
     float along_u, along_v;
-    if (is_in_front) polygon_lengths(px, py, part.w, 0.0f, r, along_u, along_v);
-    else polygon_lengths(part.x, part.y, part.w, dice.half_width, r, along_u, along_v);
+    if (is_in_front) polygon_lengths(px, py, part.w, 0.0f, r, dice.inv_edge, along_u, along_v);
+    else polygon_lengths(part.x, part.y, part.w, dice.half_width, r, dice.inv_edge, along_u, along_v);
     length_u = max(length_u, along_u);
     length_v = max(length_v, along_v);
   }

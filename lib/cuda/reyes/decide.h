@@ -99,8 +99,11 @@ __device__ inline bool decide(const ReyesBatch &b, QueuedPiece &q, SharedPart &p
   if (is_seen && edge == open_edge) edge = decide_edge_of(patch, p, lane, b.dice);
   for (uint32_t e = 0; e < 4; ++e) p.edge[e] = uint8_t(__shfl_sync(0xffffffffu, edge, int(group + e)));
   float length_u, length_v;
-  if (is_in_front) polygon_lengths(part.px, part.py, part.w, 0.0f, int(lane), length_u, length_v);
-  else polygon_lengths(part.x, part.y, part.w, b.dice.half_width, int(lane), length_u, length_v);
+  if (is_in_front)
+    polygon_lengths(part.px, part.py, part.w, 0.0f, int(lane), b.dice.inv_edge, length_u, length_v);
+  else
+    polygon_lengths(part.x, part.y, part.w, b.dice.half_width, int(lane), b.dice.inv_edge, length_u,
+                    length_v);
   length_u = group_max(length_u);
   length_v = group_max(length_v);
   if (b.dice.flatness > 0.0f) {
