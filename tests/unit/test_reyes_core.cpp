@@ -2,8 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdio>
 #include <random>
+#include <tuple>
 #include <vector>
 
 #include "core/reyes/filter.h"
@@ -48,6 +51,77 @@ struct GaussianIntegrals {
     second = bell / 4 - radius / 2 * rim - 2 * radius * radius * radius / 3 * rim;
   }
 };
+
+// What a random edge through a pixel covers of it.
+struct RandomEdge {
+  double a, b, c, coverage;  // covered: a x + b y < c
+
+  explicit RandomEdge(std::mt19937_64 &rng)
+  {
+    std::uniform_real_distribution<double> number(0, 1);
+    const double angle = 6.283185307179586 * number(rng);
+    a = std::cos(angle);
+    b = std::sin(angle);
+    c = a * number(rng);
+    c += b * number(rng);
+    // The area of the square cut by the edge, by its corners in order.
+    const double corner[5][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}, {0, 0}};
+    std::vector<std::array<double, 2>> polygon;
+    for (int k = 0; k < 4; ++k) {
+      const double here = c - a * corner[k][0] - b * corner[k][1],
+                   next = c - a * corner[k + 1][0] - b * corner[k + 1][1];
+      if (here >= 0) polygon.push_back({corner[k][0], corner[k][1]});
+      if ((here >= 0) == (next >= 0)) continue;
+      const double t = here / (here - next);
+      polygon.push_back({corner[k][0] + t * (corner[k + 1][0] - corner[k][0]),
+                         corner[k][1] + t * (corner[k + 1][1] - corner[k][1])});
+    }
+    coverage = 0;
+    for (size_t k = 0; k < polygon.size(); ++k) {
+      const auto &p = polygon[k], &q = polygon[(k + 1) % polygon.size()];
+      coverage += (p[0] * q[1] - q[0] * p[1]) / 2;
+    }
+  }
+
+  // The squared error of n samples.
+  template <class Place>
+  double squared_error(int n, const Place &place) const
+  {
+    int num_covered = 0;
+    for (int k = 0; k < n; ++k) {
+      const Vec2f p = place(k);
+      num_covered += a * double(p.x) + b * double(p.y) < c;
+    }
+    const double off = double(num_covered) / n - coverage;
+    return off * off;
+  }
+};
+
+// Samples of a pixel are stratified, though the film's halves are independent: coverage has far less variance than that of
+// random places, and from 16 samples on as much as that of a place in each of n squares.
+TEST(ReyesSamples, AreStratified)
+{
+  std::mt19937_64 rng(9);
+  std::uniform_real_distribution<float> number(0, 1);
+  for (const auto &[side, beside_random, beside_jittered] :
+       {std::tuple{2, 0.62, 1.25}, {3, 0.45, 1.4}, {4, 0.28, 1.1}, {8, 0.15, 1.1}}) {
+    const int n = side * side;
+    double ours = 0, random = 0, jittered = 0;
+    for (uint32_t trial = 0; trial < 40000; ++trial) {
+      const RandomEdge edge(rng);
+      ours += edge.squared_error(
+          n, [&](int k) { return sample_2d(sample_key(7, 0, trial % 256, trial / 256, uint64_t(k)), 0); });
+      random += edge.squared_error(n, [&](int) { return Vec2f{number(rng), number(rng)}; });
+      jittered += edge.squared_error(n, [&, m = side](int k) {
+        return Vec2f{(float(k % m) + number(rng)) / float(m), (float(k / m) + number(rng)) / float(m)};
+      });
+    }
+    std::printf("%d samples: variance of coverage %.3f of random places', %.3f of jittered ones'\n", n,
+                ours / random, ours / jittered);
+    EXPECT_LT(ours, beside_random * random) << n;
+    EXPECT_LT(ours, beside_jittered * jittered) << n;
+  }
+}
 
 TEST(ReyesFilters, HaveTheMomentsOfTheirIntegrals)
 {
