@@ -270,6 +270,74 @@ TEST(ReyesRayLight, CountsPointsAndRays)
   EXPECT_NEAR(own, wanted, 0.01 * wanted);
 }
 
+// Triangles of a mesh, flat or smooth, and a floor below the eye, diced: the image is path tracing's with direct light, and points
+// are as many as the shading rate says, not as many as samples.
+TEST(ReyesRayLight, DicesMeshes)
+{
+  const Device device = make_device();
+  for (const bool is_smooth : {false, true}) {
+    Scene scene;
+    GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+    const Mesh ball = icosphere(1);
+    gpurt_mesh_desc mesh = GPURT_MESH_DESC_INIT;
+    mesh.material = add_material(scene, GPURT_MATERIAL_LAMBERT, {0.9f, 0.5f, 0.1f});
+    mesh.vertices.data = ball.vertices.data();
+    mesh.vertices.count = ball.vertices.size();
+    mesh.indices.data = ball.triangles.data();
+    mesh.indices.count = ball.triangles.size();
+    // Of the sphere: its vertices.
+    if (is_smooth) mesh.normals = mesh.vertices;
+    uint32_t geometry = 0, id = 0;
+    GPURT_ASSERT_OK(gpurt_scene_add_mesh(scene, &mesh, &geometry));
+    gpurt_instance_desc instance = GPURT_INSTANCE_DESC_INIT;
+    instance.geometry = geometry;
+    GPURT_ASSERT_OK(gpurt_scene_add_instance(scene, &instance, &id));
+    add_mesh(scene, quad({-40, -1.2f, 40}, {40, -1.2f, 40}, {40, -1.2f, -40}, {-40, -1.2f, -40}),
+             add_material(scene, GPURT_MATERIAL_LAMBERT, {0.5f, 0.6f, 0.7f}));
+    add_light(scene, GPURT_LIGHT_POINT, 12);
+    add_light(scene, GPURT_LIGHT_DISTANT, 0.5f);
+    add_camera(scene, {0, 0, 3}, 0.9f);
+    commit(scene, GPURT_ACCEL_BVH);
+
+    RenderOptions path = options(GPURT_REYES_SHADING_AUTO, 256);
+    path.pipeline = GPURT_PIPELINE_PATH;
+    path.max_depth = 2;
+    path.reyes = GPURT_REYES_SETTINGS_INIT;
+    const std::vector<float> wanted = image(scene, path);
+    double last_error = 0;
+    for (const auto &[rate, shading] : {std::tuple{0.25f, GPURT_REYES_SHADING_MICROPOLYGONS},
+                                        {0.25f, GPURT_REYES_SHADING_BLOCKS},
+                                        {4.0f, GPURT_REYES_SHADING_MICROPOLYGONS},
+                                        {64.0f, GPURT_REYES_SHADING_MICROPOLYGONS}}) {
+      RenderOptions o = options(shading, 64);
+      o.tile_size = 64;
+      o.reyes.shading_rate = rate;
+      const Frame frame = make_frame(scene, o, kept_outputs);
+      render(frame, o);
+      const double num_points = double(statistics_of(frame).reyes_counters.num_shaded);
+      std::vector<float> alpha(64 * 64);
+      GPURT_EXPECT_OK(gpurt_frame_read(frame, GPURT_OUTPUT_ALPHA, alpha.data(), alpha.size() * 4));
+      // Areas lie between a half and twice the rate where micropolygons are equilateral on the image; the floor's, seen at an
+      // angle, are narrower.
+      const double area = double(rate) * (shading == GPURT_REYES_SHADING_BLOCKS ? 4 : 1),
+                   expected = mean(alpha) * 64 * 64 / area;
+      const std::vector<float> ours = read_color(frame, o);
+      double error = 0;
+      for (size_t k = 0; k < ours.size(); ++k)
+        error += std::abs(double(ours[k]) - double(wanted[k])) / double(ours.size());
+      error /= mean(wanted);
+      std::printf("%s, rate %g, shading %d: %g points, %g by area; mean %.4f and %.4f, off %.4f of it\n",
+                  is_smooth ? "smooth" : "flat", double(rate), int(shading), num_points, expected, mean(ours),
+                  mean(wanted), error);
+      EXPECT_LT(num_points, 8 * expected);
+      EXPECT_GT(num_points, 0.5 * expected);
+      EXPECT_NEAR(mean(ours), mean(wanted), 0.01 * mean(wanted));
+      EXPECT_GE(error, last_error);
+      last_error = error;
+    }
+  }
+}
+
 // Outputs beside light: ids are those that light at samples finds, depths too but for rounding, normals those of the middles of
 // micropolygons, which are a quarter of a pixel apart.
 TEST(ReyesRayLight, HasTheOtherOutputs)

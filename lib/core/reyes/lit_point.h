@@ -1,7 +1,7 @@
 // Stage 'shade' of micropolygons after visibility: the points that samples keep, and the light that falls on them.
 //
-// Samples keep the micropolygon that they see, by its patch and the middle of its (u, v), or of its block's; of triangles of
-// meshes, which are not diced, where on them they lie. The light of each such point is found once, however many samples see
+// Samples keep the micropolygon that they see, by its patch and the middle of its (u, v), or of its block's; or by the
+// triangle of a mesh and its centroid, see dice_triangle.h. The light of each such point is found once, however many samples see
 // it, and of none that nobody sees. It is the point of the patch's tessellation, from which rays leave without meeting their own
 // surface.
 //
@@ -13,6 +13,7 @@
 #pragma once
 
 #include "core/path/path_vertex.h"
+#include "core/reyes/dice_triangle.h"
 #include "core/reyes/map.h"
 #include "core/reyes/shade.h"
 

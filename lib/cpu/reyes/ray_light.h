@@ -38,6 +38,7 @@ class RayLight : public SerialExecutor {
 
   void run(const FilmView &film, ReyesKernelCounters &counters)
   {
+    dice_triangles();
     find_points();
     counters.num_shaded += num_points_;
     charge(PathStage::Trace);
@@ -64,6 +65,20 @@ class RayLight : public SerialExecutor {
   bool is_same(const ShadedPoint &p, uint32_t slot, uint32_t group) const
   {
     return p.group == group && is_same_place(place_of(p.slot), place_of(slot));
+  }
+
+  // Samples of meshes learn which micropolygon they see.
+  void dice_triangles()
+  {
+    const RasterProjection projection = raster_projection(settings_.camera);
+    const float edge2 = largest_edge2(reyes_.shading_rate, reyes_.shading == ReyesShading::Blocks ? 1 : 0);
+    for (uint32_t slot = 0; slot < num_paths(); ++slot) {
+      if (memory_.root[slot] == invalid_id) continue;
+      const Vec2f middle =
+          diced_place(scene_, projection, memory_.root[slot], {memory_.u[slot], memory_.v[slot]}, edge2);
+      memory_.u[slot] = middle.x;
+      memory_.v[slot] = middle.y;
+    }
   }
 
   // The points that samples see, in the order of the samples, and which of them each sample sees.

@@ -44,19 +44,21 @@ LitPoints::LitPoints(const std::shared_ptr<DeviceMemory> &memory, uint64_t num_s
 }
 
 bool LitPoints::run(const TraceScene &scene, const PathSettings &settings, bool has_found_light,
-                    bool no_shadows, VisibleSamples &visible, WaveMemory &wave, const FilmView &film,
-                    const std::atomic<bool> *cancelled, cudaStream_t stream, ReyesCounters &counters,
-                    WaveCounters &wave_counters)
+                    const ReyesSettings &reyes, VisibleSamples &visible, WaveMemory &wave,
+                    const FilmView &film, const std::atomic<bool> *cancelled, cudaStream_t stream,
+                    ReyesCounters &counters, WaveCounters &wave_counters)
 {
   PointView v = view_;
   v.eye = visible.eye_hits(settings);
   v.is_sampled = has_found_light ? 1 : 0;
   v.num_samples = visible.grid().num_samples;
+  v.edge2 = largest_edge2(reyes.shading_rate, reyes.shading == ReyesShading::Blocks ? 1 : 0);
   const uint64_t size = table_size(v.num_samples);
   v.table_mask = uint32_t(size - 1);
   visible.begin_shading(stream);
   check(cudaMemsetAsync(v.table, 0xff, size * sizeof *v.table, stream), "cudaMemsetAsync");
   check(cudaMemsetAsync(v.num_points, 0, sizeof *v.num_points, stream), "cudaMemsetAsync");
+  launch_dice_triangles(v, visible.spots(), stream);
   launch_find_points(v, stream);
   visible.end_shading(stream);
   uint32_t *found = wave.host_numbers() + 2;
@@ -67,7 +69,7 @@ bool LitPoints::run(const TraceScene &scene, const PathSettings &settings, bool 
   counters.num_shaded += num_points;
 
   RayStandIns stand_ins;
-  stand_ins.no_shadows = no_shadows;
+  stand_ins.no_shadows = reyes.no_shadows != 0;
   const uint32_t num_lights =
       settings.max_depth < 2 ? 0 : scene.scene.num_tree_lights + scene.scene.num_distant_lights;
   for (uint32_t first = 0; first < num_points; first += wave.capacity()) {

@@ -18,8 +18,8 @@ class LitPoints {
   LitPoints(const std::shared_ptr<DeviceMemory> &memory, uint64_t num_samples);
 
   /// Lights what the group's samples see and adds it to a film of zeros. False if `cancelled` became true on the way.
-  bool run(const TraceScene &scene, const PathSettings &settings, bool has_found_light, bool no_shadows,
-           VisibleSamples &visible, WaveMemory &wave, const FilmView &film,
+  bool run(const TraceScene &scene, const PathSettings &settings, bool has_found_light,
+           const ReyesSettings &reyes, VisibleSamples &visible, WaveMemory &wave, const FilmView &film,
            const std::atomic<bool> *cancelled, cudaStream_t stream, ReyesCounters &counters,
            WaveCounters &wave_counters);
 

@@ -149,9 +149,8 @@ class ReyesRenderer {
     if (work.blended) {
       if (!blend(group, work, film, lane, counters.reyes, wave_counters)) return false;
     } else if (work.points) {
-      if (!work.points->run(scene_, pass_.settings, reyes_.has_found_light, pass_.reyes->no_shadows != 0,
-                            samples, *work.wave, film, pass_.cancelled, lane.stream(), counters.reyes,
-                            wave_counters))
+      if (!work.points->run(scene_, pass_.settings, reyes_.has_found_light, *pass_.reyes, samples, *work.wave,
+                            film, pass_.cancelled, lane.stream(), counters.reyes, wave_counters))
         return false;
     } else if (has_light) {
       // The film has it.

@@ -29,6 +29,16 @@ __device__ __forceinline__ PointPlace place_of_path(const PointView &v, uint32_t
   return place_of_slot(v, slot);
 }
 
+__global__ void __launch_bounds__(block_size)
+    dice_triangles(const __grid_constant__ PointView v, unsigned long long *spots)
+{
+  const uint32_t slot = uint32_t(thread_item());
+  if (slot >= v.num_samples || v.eye.keys[slot] == 0) return;
+  const PointPlace place = place_of_slot(v, slot);
+  spots[slot] = place_key(
+      diced_place(v.eye.scene, raster_projection(v.eye.settings.camera), place.root, place.at, v.edge2));
+}
+
 __global__ void __launch_bounds__(block_size) find_points(const __grid_constant__ PointView v)
 {
   const uint32_t k = uint32_t(thread_item()), lane = threadIdx.x % 32;
@@ -148,6 +158,11 @@ __global__ void __launch_bounds__(block_size)
 }
 
 }  // namespace
+
+void launch_dice_triangles(const PointView &view, unsigned long long *spots, cudaStream_t stream)
+{
+  launch("REYES stage 'dice' of triangles", dice_triangles, view.num_samples, stream, view, spots);
+}
 
 void launch_find_points(const PointView &view, cudaStream_t stream)
 {

@@ -8,6 +8,7 @@ namespace gpurt::cuda {
 /// Points of a group, in device memory. A sample is called by the number of its path.
 struct PointView {
   EyeHits eye;          // eye.unit is the whole group
+  float edge2;          // of micropolygons of meshes: dice_triangle.h
   uint32_t is_sampled;  // 1: light is found by paths
   uint32_t num_samples;
   uint32_t *table;      // of samples that stand for points, by hashes of these; invalid_id: nothing
@@ -18,6 +19,8 @@ struct PointView {
   Vec3f *light;  // [samples], of those
 };
 
+/// Samples of meshes learn which micropolygon they see; `spots` are those of view.eye.
+void launch_dice_triangles(const PointView &view, unsigned long long *spots, cudaStream_t stream);
 /// Finds the points that samples see; the table is empty and num_points 0 before.
 void launch_find_points(const PointView &view, cudaStream_t stream);
 /// Points first .. first + n - 1 as paths of a wave whose eye rays' hits are known.

@@ -60,6 +60,8 @@ class VisibleSamples {
   /// Of the group: its samples, and what decides where they lie and what they see.
   const SampleGrid &grid() const { return batch_.samples; }
   EyeHits eye_hits(const PathSettings &settings) const;
+  /// Where on their primitives samples lie, by keys: as eye_hits has them.
+  unsigned long long *spots() const { return batch_.samples.spots; }
   ReyesNumbers read_numbers(cudaStream_t stream);
   /// What is put on the stream in between counts as shading.
   void begin_shading(cudaStream_t stream) { mark(Stage::None, stream); }
