@@ -15,6 +15,8 @@ The reference's own error is allowed for.
   ratio    median over tiles of stated over true root-mean-square error: how wide the bound is
   bias     correlation of GPURT_OUTPUT_BIAS and the true error, both as means of tiles
   relMSE   true, without the reference's own, and stated: of which bias
+  mean     of the image, over the reference's
+  slope    of the logarithm of the true relMSE over that of passes: as passes go on, -2/3 in theory
 
 Needs the gpurt package, numpy and OpenEXR.
 """
@@ -60,12 +62,15 @@ def measure(path: pathlib.Path, references: pathlib.Path, facts: dict[str, Any],
                "ratio": float(np.median(stated / np.maximum(true, 1e-30))),
                "bias": float(np.corrcoef(tiles(bias).ravel(), tiles(error).ravel())[0, 1]),
                "relmse": relmse, "stated": s.estimated_error, "stated_bias": s.estimated_bias,
-               "radius": s.photon_counters["smallest_radius"], "seconds": s.render_seconds}
+               "mean": float(color.mean() / reference.mean() - 1), "radius": s.photon_counters["smallest_radius"], "seconds": s.render_seconds}
         rows.append(row)
         print(f"{path.stem:20s} {spp:5d} passes {s.render_seconds:7.1f} s  pixels {100 * row['pixels']:5.1f} %  "
               f"tiles {100 * row['tiles']:5.1f} %  means {100 * row['means']:5.1f} %  ratio {row['ratio']:4.1f}  "
               f"bias {row['bias']:+.2f}  relMSE {relmse:.2e} stated {s.estimated_error:.2e} "
-              f"({s.estimated_bias:.2e} bias)", flush=True)
+              f"({s.estimated_bias:.2e} bias)  mean {100 * row['mean']:+.3f} %", flush=True)
+    known = [(row["passes"], row["relmse"]) for row in rows if row["relmse"] > 0]
+    if len(known) > 1:
+        print(f"{path.stem:20s} slope {np.polyfit(*np.log(np.array(known).T), 1)[0]:.3f}", flush=True)
     return rows
 
 
