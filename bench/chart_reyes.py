@@ -1,12 +1,12 @@
 """Charts REYES on scenes of patches: error against time over shading rate, samples and flatness, beside path tracing.
 
-    python bench/chart_reyes.py SCENES -o DIR [--seconds S] [--repeats N] [--device D] [NAME...]
+    python bench/chart_reyes.py SCENES -o DIR [--seconds S] [--repeats N] [--device D] [--processor-time] [NAME...]
 
 SCENES holds NAME_patches.glb and reference/references.json with a reference of direct light for each: NAME_direct, or NAME
 where direct light is all there is. Every curve runs over samples; one family of curves runs over shading rates, one over
 flatness (the distance in pixels that micropolygons may leave the surface by) at the default rate, and path tracing of the
-tessellation, emission and direct light alone, stands beside both. Makes DIR/reyes.md, .json and .png. Times are of rendering alone; the files have those of
-commits too. For a page of one scene, with pictures, hand the same curves to python -m gpurt.chart.
+tessellation, emission and direct light alone, stands beside both. Makes DIR/reyes.md, .json and .png. Times are of rendering
+alone; the files have those of commits too. For a page of one scene, with pictures, hand the same curves to python -m gpurt.chart.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import dataclasses
 import json
 import pathlib
 import sys
+import time
 
 import gpurt
 from gpurt import metrics
@@ -145,6 +146,8 @@ def main(arguments=None):
     p.add_argument("--max-spp", type=int, default=1024, help="most samples per pixel (default 1024)")
     p.add_argument("--device", default="cpu", help="default cpu")
     p.add_argument("--threads", type=int, default=0, help="of the CPU device (default: all)")
+    p.add_argument("--processor-time", action="store_true",
+                   help="of all threads of the process, rather than by the clock: where others use the machine")
     options = p.parse_args(arguments)
     index = options.folder / "reference" / "references.json"
     references = json.loads(index.read_text(encoding="utf-8"))
@@ -159,7 +162,8 @@ def main(arguments=None):
         print(f"== {name}", flush=True)
         path = index.parent / f"{reference_of(name, references)}.exr"
         reference, noise = metrics.read_exr(path), parse_noise(str(index), str(path))
-        limits = Limits(options.seconds, options.max_spp, options.repeats, seed=1)
+        limits = Limits(options.seconds, options.max_spp, options.repeats, seed=1,
+                        clock=time.process_time if options.processor_time else time.perf_counter)
         curves = measure_curves(settings_of(options.device, options.threads), str(options.folder / f"{name}_patches.glb"),
                                 reference, noise, limits, 0, lambda line: print(line, flush=True))
         results = [summarise(curve) for curve in curves]
