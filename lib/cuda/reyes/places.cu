@@ -155,13 +155,15 @@ __global__ void __launch_bounds__(block_size)
   // Entries 0 .. 3 and 4 .. 7 of an axis. A sample in eighth e lies left of eighths e + 1 and on.
   uint64_t low[2] = {0, 0}, high[2] = {0, 0};
   // Even and odd samples have a sequence each, whose seed is found once (sample_key).
+  const bool is_one_sequence = s.sample >> 33 == (s.sample + num - 1) >> 33;
   for (uint32_t parity = 0; parity < 2; ++parity) {
-    SampleKey key = sample_key(p.seed, p.frame_index, s.x, s.y, s.sample + parity);
+    const SampleKey key = sample_key(p.seed, p.frame_index, s.x, s.y, s.sample + parity);
     for (uint32_t k = parity; k < num; k += 2) {
       const uint64_t sample = s.sample + k;
-      if (sample >> 33 != s.sample >> 33) key = sample_key(p.seed, p.frame_index, s.x, s.y, sample);
-      key.reversed_index = reverse_bits(uint32_t(sample >> 1));
-      const uint16_t place = place_in_pixel(grid, raster_sample(p, s, sample_2d(key, dim_pixel)));
+      const Vec2f u = is_one_sequence
+                          ? sample_2d({key.seed, reverse_bits(uint32_t(sample >> 1))}, dim_pixel)
+                          : sample_2d(sample_key(p.seed, p.frame_index, s.x, s.y, sample), dim_pixel);
+      const uint16_t place = place_in_pixel(grid, raster_sample(p, s, u));
       found[k][threadIdx.x] = place;
       for (int axis = 0; axis < 2; ++axis) {
         const uint32_t e = (axis == 0 ? place & 255u : uint32_t(place) >> 8) >> (unit_bits - 3);

@@ -111,6 +111,7 @@ class MaskWalk {
     y_ = max(y0_ >> unit_bits, 0);
     if (!is_there || x_ > last_x(g)) y_ = last_y(g) + 1;
     look_up(g);
+    find_sample(g);
   }
   __device__ bool is_at_sample() const { return bits_ != 0; }
   __device__ uint32_t slot(const SampleGrid &g) const
@@ -118,7 +119,7 @@ class MaskWalk {
     return pixel_ * g.samples_per_pixel + sample_ +
            sample_ / most_masked * (g.samples_per_pixel - most_masked);
   }
-  __device__ uint32_t place(const SampleGrid &g) const { return g.places[pixel_ * most_masked + sample_]; }
+  __device__ uint32_t place(const SampleGrid &) const { return place_; }
   __device__ void advance(const SampleGrid &g)
   {
     bits_ &= bits_ - 1;
@@ -127,7 +128,7 @@ class MaskWalk {
       next(g);
       look_up(g);
     }
-    sample_ = first_bit();
+    find_sample(g);
   }
   // A number behind the bits of 2^23 is 2^23 more than its value, exactly, and so is the sum.
   __device__ float x(uint32_t place) const
@@ -145,7 +146,12 @@ class MaskWalk {
 
   __device__ int32_t last_x(const SampleGrid &g) const { return min(x1_ >> unit_bits, g.cells_x - 1); }
   __device__ int32_t last_y(const SampleGrid &g) const { return min(y1_ >> unit_bits, g.cells_y - 1); }
-  __device__ uint32_t first_bit() const { return uint32_t(__ffs(int(bits_))) - 1; }
+  // Its place is there once it is the sample's turn.
+  __device__ void find_sample(const SampleGrid &g)
+  {
+    sample_ = uint32_t(__ffs(int(bits_))) - 1;
+    if (bits_ != 0) place_ = g.places[pixel_ * most_masked + sample_];
+  }
   // Those that [from, to], from the pixel's corner, touches; none where the pixel is not there.
   static __device__ Eighths eighths(int32_t from, int32_t to, bool is_there, uint32_t all)
   {
@@ -200,13 +206,12 @@ class MaskWalk {
       if (bits_ == 0 && below_ != 0) go_below(g);
       if (bits_ != 0) break;
     }
-    sample_ = first_bit();
   }
 
   int32_t x0_, y0_, x1_, y1_, ax_, ay_, x_, y_;
-  uint32_t bits_ = 0, below_ = 0;  // of two pixels, and of the two below them
-  uint32_t sample_ = 0;            // the first of the bits
-  uint32_t pixel_ = 0;             // the left one
+  uint32_t bits_ = 0, below_ = 0;    // of two pixels, and of the two below them
+  uint32_t sample_ = 0, place_ = 0;  // the first of the bits
+  uint32_t pixel_ = 0;               // the left one
   bool is_wide_ = false;
   float base_x_ = 0.0f, base_y_ = 0.0f;
 };
@@ -351,16 +356,17 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
     Walk walk(b.samples, x0, y0, x1, y1, ax, ay, is_there);
     while (__any_sync(all_lanes, walk.is_at_sample())) {
       float z = 0.0f, x = 0.0f, y = 0.0f;
-      uint32_t num_taken = 0;  // of fragments
+      uint32_t slot = 0, num_taken = 0;  // of fragments
       if (walk.is_at_sample()) {
         const uint32_t place = walk.place(b.samples);
         x = walk.x(place);
         y = walk.y(place);
+        slot = walk.slot(b.samples);
+        walk.advance(b.samples);
         const float zs = cover_tiny(s, x, y), zt = cover_tiny(t, x, y);
         z = zt > zs ? zt : zs;
         if constexpr (is_of_fragments(look)) {
           if (z > 0.0f) {
-            const uint32_t slot = walk.slot(b.samples);
             num_taken = (zs > 0.0f && is_fragment(b, slot, root, zs) ? 1 : 0) +
                         (zt > 0.0f && is_fragment(b, slot, root, zt) ? 1 : 0);
           }
@@ -369,16 +375,14 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
       if constexpr (look == Look::Count) {
         num_fragments += num_taken;
         __syncwarp();
-        if (num_taken != 0)
-          atomicAdd(b.fragments.count + (walk.slot(b.samples) - b.fragments.origin), num_taken);
+        if (num_taken != 0) atomicAdd(b.fragments.count + (slot - b.fragments.origin), num_taken);
       } else if constexpr (collects) {
         bool takes = num_taken != 0;
-        if constexpr (look == Look::Spots)
-          takes = z > 0.0f && b.samples.keys[walk.slot(b.samples)] == sample_key_of(z, root);
+        if constexpr (look == Look::Spots) takes = z > 0.0f && b.samples.keys[slot] == sample_key_of(z, root);
         const uint32_t takers = __ballot_sync(all_lanes, takes);
         if (takes) {
           const uint32_t i = num_seen + uint32_t(__popc(takers & ((1u << lane) - 1)));
-          seen->slot[i] = walk.slot(b.samples);
+          seen->slot[i] = slot;
           seen->quad[i] = q;
           seen->x[i] = x;
           seen->y[i] = y;
@@ -391,9 +395,8 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
       } else {
         num_fragments += z > 0.0f ? 1 : 0;
         __syncwarp();
-        if (z > 0.0f) put<look>(b, walk.slot(b.samples), kept, z, {});
+        if (z > 0.0f) put<look>(b, slot, kept, z, {});
       }
-      if (walk.is_at_sample()) walk.advance(b.samples);
     }
   }
   put_last(0, num_seen);

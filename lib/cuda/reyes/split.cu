@@ -198,14 +198,17 @@ unsigned resident_split_blocks(const void *kernel, int most)
   return unsigned(num_multiprocessors) * unsigned(max(1, min(blocks, most)));
 }
 
-void launch_split(const ReyesBatch &batch, cudaStream_t stream)
+unsigned split_blocks()
+{
+  return resident_split_blocks(reinterpret_cast<const void *>(split_pieces), most_blocks_per_multiprocessor);
+}
+
+void launch_split(const ReyesBatch &batch, unsigned num_blocks, cudaStream_t stream)
 {
   ReyesBatch argument = batch;
   void *arguments[] = {&argument};
   const char *name = "REYES stage 'split'";
-  check(cudaLaunchCooperativeKernel(reinterpret_cast<const void *>(split_pieces),
-                                    dim3(resident_split_blocks(reinterpret_cast<const void *>(split_pieces),
-                                                               most_blocks_per_multiprocessor)),
+  check(cudaLaunchCooperativeKernel(reinterpret_cast<const void *>(split_pieces), dim3(num_blocks),
                                     dim3(split_threads), arguments, 0, stream),
         name);
   note_launch(name, reinterpret_cast<const void *>(split_pieces), split_threads);

@@ -207,8 +207,10 @@ void launch_place_samples(const SamplePlaces &places, const SampleGrid &grid, ui
 void launch_bound_roots(const ReyesBatch &batch, uint64_t first_root, uint32_t num_roots,
                         cudaStream_t stream);
 
-/// Cuts pieces until none wait, or until the list of those that are to be diced is full.
-void launch_split(const ReyesBatch &batch, cudaStream_t stream);
+/// Cuts pieces until none wait, or until the list of those that are to be diced is full, by as many blocks as split_blocks says of the
+/// device that is current.
+void launch_split(const ReyesBatch &batch, unsigned num_blocks, cudaStream_t stream);
+unsigned split_blocks();
 
 /// Dices pieces and puts micropolygons into the samples; the second time, samples learn where on their root they are. With
 /// light of their own micropolygons are shaded before, and there is no second time. Roots that blend are for looks of

@@ -113,6 +113,7 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
       has_opaque_(scene.has_opaque),
       // Large micropolygons are left to kernels that come after the host has looked.
       resolves_ahead_(settings.flatness == 0 && settings.shading_rate <= 1),
+      split_blocks_(split_blocks()),
       pinned_(pinned)
 {
   const bool has_filter = settings.filter != ReyesFilter::Box;
@@ -237,7 +238,7 @@ void VisibleSamples::place(cudaStream_t stream)
   if (beside_ == nullptr) return;
   const cudaStream_t beside = std::exchange(beside_, nullptr);
   const SampleGrid &g = batch_.samples;
-  check(cudaStreamWaitEvent(beside, begun_.get(), 0), "cudaStreamWaitEvent");
+  check(cudaStreamWaitEvent(beside, begun_->get(), 0), "cudaStreamWaitEvent");
   launch_place_samples(places_, g, first_, at_, masks_, slots_, counts_, scan_memory_, scan_bytes_, beside);
   if (!has_own_light_) {
     check(cudaMemsetAsync(g.spots, 0xff, uint64_t(g.num_samples) * sizeof *g.spots, beside),
@@ -286,10 +287,10 @@ void VisibleSamples::split(const ReyesNumbers *last, cudaStream_t stream)
       stack_queues(batch_, turn_, *last, stream);
       is_in_rounds_ = true;
     }
-    if (is_in_rounds_) launch_split(batch_, stream);
+    if (is_in_rounds_) launch_split(batch_, split_blocks_, stream);
     else ++turn_;
   } else {
-    launch_split(batch_, stream);
+    launch_split(batch_, split_blocks_, stream);
   }
   mark(Stage::Split, stream);
 }
@@ -349,6 +350,7 @@ void VisibleSamples::run_batch(uint64_t first, Look look, cudaStream_t stream, R
   batch_.kinds = is_whole && is_first_look ? 3 : (is_of_fragments(look) ? 2 : 1);
   launch_bound_roots(batch_, first, n, stream);
   mark(Stage::Bound, stream);
+  if (beside_ != nullptr) begun_ = events_[stages_.size() - 1].get();
   for (bool is_first = true;; is_first = false) {
     split(is_first ? nullptr : &batch_numbers_, stream);
     place(stream);
@@ -399,9 +401,9 @@ bool VisibleSamples::find(const WorkUnit &group, const PathSettings &settings, c
   film_ = film;
   beside_ = beside;
   stages_.clear();
-  begun_.record(stream);
-  mark(Stage::None, stream);
   check(cudaMemsetAsync(batch_.numbers, 0, sizeof *batch_.numbers, stream), "cudaMemsetAsync");
+  mark(Stage::None, stream);
+  begun_ = events_[0].get();
   is_clear_ = true;
   batch_.visible = nullptr;
   has_all_ = is_narrow_ = is_resolved_ = false;

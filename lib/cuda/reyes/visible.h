@@ -128,11 +128,14 @@ class VisibleSamples {
   // Of the group: settings, and the film that micropolygons' own light goes to.
   PathSettings group_settings_{};
   FilmView film_{};
-  // The stream that finds places of the group's samples, until it does.
+  // The stream that finds places of the group's samples, until it does; what it waits for: not before pieces are about to be cut,
+  // which come first.
   cudaStream_t beside_ = nullptr;
-  Event begun_{cudaEventDisableTiming}, placed_{cudaEventDisableTiming};
+  const Event *begun_ = nullptr;
+  Event placed_{cudaEventDisableTiming};
   // Whether the film has the light of all that samples see; whether it is to have it before the host has looked at what is left.
   bool is_resolved_ = false, resolves_ahead_;
+  const unsigned split_blocks_;
   PinnedBuffer &pinned_;
   std::vector<std::unique_ptr<Event>> events_;
   std::vector<Stage> stages_;
