@@ -3,6 +3,7 @@
 // The bodies take two devices; without a GPU they compare one CPU thread with all of them.
 #include <filesystem>
 
+#include "kernel_launches.h"
 #include "reyes_pictures.h"
 
 namespace gpurt_test {
@@ -198,6 +199,34 @@ TEST(CudaReyes, OfMicropolygonsOwnLightHasTheBitsOfTheCpu)
   const Scene a = scene_of(make_device(GPURT_DEVICE_CPU), fill_own_light),
               b = scene_of(make_device(GPURT_DEVICE_CUDA), fill_own_light);
   for (const ReyesPicture &p : own_light_pictures()) compare_own_light(a, b, p);
+}
+
+// A patch so close to the eye that what is diced of it cannot all be projected.
+void fill_own_light_at_the_eye(gpurt_scene scene)
+{
+  add_patches(scene, {flat_patch({-50, -1e-4f, -50}, {100, 0, 0}, {0, 0, 100})},
+              add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.5f, 0.9f}));
+  add_lights_without_area(scene);
+  add_camera(scene, {0, 0, 0}, 1.0f);
+}
+
+// Light is added up before it is known whether micropolygons were left to the general kernels, and again if so.
+TEST(CudaReyes, AddsOwnLightUpAgainWhereMicropolygonsWereLeft)
+{
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
+  const Device cuda = make_device(GPURT_DEVICE_CUDA);
+  const std::string rest = "REYES stages 'dice' and 'sample', any micropolygons",
+                    sums = "REYES stage 'resolve' of micropolygons' own light, pixels";
+  const ReyesPicture p = own_light_pictures()[0];
+  for (void (*fill)(gpurt_scene) : {fill_own_light, fill_own_light_at_the_eye}) {
+    const bool leaves = fill == fill_own_light_at_the_eye;
+    const Scene a = scene_of(make_device(GPURT_DEVICE_CPU), fill), b = scene_of(cuda, fill);
+    const uint64_t rest_before = launches_of(cuda, rest), sums_before = launches_of(cuda, sums);
+    own_light(b, p);
+    EXPECT_EQ(launches_of(cuda, rest) - rest_before, leaves ? 1u : 0u);
+    EXPECT_EQ(launches_of(cuda, sums) - sums_before, leaves ? 2u : 1u);
+    compare_own_light(a, b, p);
+  }
 }
 
 TEST(Reyes, OfMicropolygonsOwnLightDoesNotDependOnTheNumberOfThreads)
