@@ -105,14 +105,14 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   void trace(const TraceRequest &request) const override
   {
     const DeviceScope scope(device_->memory->ordinal());
-    trace_batch({trace_scene_, device_->memory, device_->lanes, slice_}, request);
+    trace_batch({trace_scene_, device_->memory, device_->lanes, slices_}, request);
   }
 
   void trace_on_stream(const TraceRequest &request, void *stream, void *wait_event,
                        void *done_event) const override
   {
     const DeviceScope scope(device_->memory->ordinal());
-    queue_batch({trace_scene_, device_->memory, device_->lanes, slice_}, request,
+    queue_batch({trace_scene_, device_->memory, device_->lanes, slices_}, request,
                 static_cast<cudaStream_t>(stream), static_cast<cudaEvent_t>(wait_event),
                 static_cast<cudaEvent_t>(done_event));
   }
@@ -177,6 +177,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
     const LaneLease lane = device_->lanes.acquire();
     if (!scene_) scene_ = std::make_shared<DeviceScene>(*compiled_, device_->memory, lane->stream());
     accel.emplace(*compiled_, scene_->view(), trees, options..., device_->memory, lane->stream());
+    trace_scene_.slices = &slices_;
     trace_scene_.scene = scene_->view();
     trace_scene_.scene.t_error = t_error(facts_);
     trace_scene_.triangle_test = facts_.triangle_test;
@@ -221,7 +222,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
   std::optional<DeviceKdAccel> kd_trees_;
   std::optional<DeviceBvhAccel> bvhs_;
   TraceScene trace_scene_{};
-  mutable SliceSize slice_;
+  mutable SliceSize slices_;
 };
 
 class CudaBackend final : public Backend, public StreamOrdering, public KernelListing, public PhotonMaps {

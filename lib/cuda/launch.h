@@ -5,6 +5,7 @@
 
 #include "cuda/check.h"
 #include "cuda/kernel_log.h"
+#include "cuda/launch_timer.h"
 
 namespace gpurt::cuda {
 
@@ -19,8 +20,10 @@ template <class... Parameters, class... Arguments>
 void launch_blocks(const char *name, void (*kernel)(Parameters...), unsigned num_blocks,
                    unsigned block_threads, cudaStream_t stream, const Arguments &...arguments)
 {
+  TimedLaunch timed(stream);
   kernel<<<num_blocks, block_threads, 0, stream>>>(arguments...);
   check(cudaGetLastError(), name);
+  timed.end(name);
   note_launch(name, reinterpret_cast<const void *>(kernel), block_threads);
 }
 

@@ -19,6 +19,8 @@
 
 namespace gpurt::cuda {
 
+class SliceSize;  // cuda/accel/ray_slices.h
+
 #if defined(GPURT_COUNTS_LANES)
 constexpr bool counts_lanes = true;
 #else
@@ -27,6 +29,7 @@ constexpr bool counts_lanes = false;
 
 /// What a query kernel reads; all pointers lead to device memory.
 struct TraceScene {
+  SliceSize *slices;  // of the host: how many rays are launched at a time
   KdAccelView kd_trees;
   BvhAccelView bvhs;
   bool has_bvhs;                       // else kd-trees

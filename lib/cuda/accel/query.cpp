@@ -23,8 +23,6 @@ constexpr uint64_t timed_chunk_rays = uint64_t(1) << 20;
 // Crossings that an all-hits query lists at a time, beyond which a chunk is answered in parts.
 constexpr uint64_t all_hits_budget = uint64_t(1) << 21;
 
-constexpr uint64_t min_slice_rays = uint64_t(1) << 10, max_slice_rays = uint64_t(1) << 22;
-
 uint64_t hit_bytes(const TraceRequest &request)
 {
   return request.compact ? sizeof(CompactHit) : sizeof(FullHit);
@@ -395,18 +393,6 @@ class AllHitsQuery {
 };
 
 }  // namespace
-
-void SliceSize::learn(uint64_t num_rays, double seconds)
-{
-  // Aim for 20 to 60 ms: launching costs nothing there, and four times as much would still be in time.
-  const uint64_t current = get();
-  if (seconds > 0.060) {
-    const double fitting = double(num_rays) * 0.040 / seconds;
-    num_rays_ = std::min(current, std::max(uint64_t(fitting), min_slice_rays));
-  } else if (seconds < 0.020 && num_rays == current) {
-    num_rays_ = std::min(current * 2, max_slice_rays);
-  }
-}
 
 void trace_batch(const QueryContext &context, const TraceRequest &request)
 {

@@ -1,24 +1,12 @@
 // Ray batches on a CUDA device: host arrays travel through pinned chunks, device arrays are used where they are.
 #pragma once
 
-#include <atomic>
-
 #include "backend.h"
 #include "cuda/accel/kernels.h"
+#include "cuda/accel/ray_slices.h"
 #include "cuda/lanes.h"
 
 namespace gpurt::cuda {
-
-/// How many rays a launch takes so that it ends well within the quarter of a second after which a display's watchdog
-/// or a waiting cancellation would notice it. Learns from launches; shared by the threads that trace one scene.
-class SliceSize {
- public:
-  uint64_t get() const { return num_rays_.load(std::memory_order_relaxed); }
-  void learn(uint64_t num_rays, double seconds);
-
- private:
-  std::atomic<uint64_t> num_rays_{uint64_t(1) << 18};
-};
 
 /// What a batch runs on.
 struct QueryContext {

@@ -124,18 +124,26 @@ class Pool {
   // The hits of the first num_old rays, which go on, and of num_new that come from the camera.
   void trace_closest(const PathQueue &queue, uint32_t num_old, uint32_t num_new)
   {
-    Hit *hits = memory_.hits();
-    if (ScheduledTracer *tracer = memory_.tracer()) {
-      tracer->closest(scene_, queue.rays, num_old, HitLayout::Internal, hits,
-                      {has_near_ ? queue.left_out : nullptr, nullptr, true});
-      tracer->closest(scene_, queue.rays + num_old, num_new, HitLayout::Internal, hits + num_old);
-    } else if (has_near_) {
-      launch_closest(scene_, queue.rays, num_old, HitLayout::Internal, hits,
-                     {Coherence::Incoherent, 0, memory_.trace_scratch(), queue.left_out, nullptr}, stream_);
-      launch_closest(scene_, queue.rays + num_old, num_new, HitLayout::Internal, hits + num_old,
-                     {Coherence::Coherent, 0, memory_.trace_scratch(), nullptr, nullptr}, stream_);
+    const auto trace = [&](uint32_t begin, uint32_t n, const TracedRays &known, const RayOrder &order) {
+      memory_.slices.run(*scene_.slices, n, stream_, [&](uint64_t first, uint64_t count) {
+        const Ray *rays = queue.rays + begin + first;
+        Hit *hits = memory_.hits() + begin + first;
+        TracedRays part = known;
+        RayOrder part_order = order;
+        if (known.left_out != nullptr) part.left_out += first;
+        if (order.left_out != nullptr) part_order.left_out += first;
+        if (ScheduledTracer *tracer = memory_.tracer())
+          tracer->closest(scene_, rays, count, HitLayout::Internal, hits, part);
+        else launch_closest(scene_, rays, count, HitLayout::Internal, hits, part_order, stream_);
+      });
+    };
+    const uint32_t *left_out = has_near_ ? queue.left_out : nullptr;
+    if (memory_.tracer() != nullptr || has_near_) {
+      trace(0, num_old, {left_out, nullptr, true},
+            {Coherence::Incoherent, 0, memory_.trace_scratch(), left_out, nullptr});
+      trace(num_old, num_new, {}, {Coherence::Coherent, 0, memory_.trace_scratch(), nullptr, nullptr});
     } else {
-      launch_closest(scene_, queue.rays, num_old + num_new, HitLayout::Internal, hits, {}, stream_);
+      trace(0, num_old + num_new, {}, {});
     }
     counters_.num_bounce_rays += num_old;
     counters_.num_camera_rays += num_new;
@@ -144,15 +152,17 @@ class Pool {
   void trace_shadows(uint32_t n)
   {
     const PoolShadows &shadows = memory_.shadows();
-    if (ScheduledTracer *tracer = memory_.tracer()) {
-      tracer->any(scene_, shadows.queue.rays, n, shadows.occluded,
-                  {has_near_ ? shadows.left_out : nullptr, has_near_ ? shadows.ended_at : nullptr, true});
-    } else {
+    memory_.slices.run(*scene_.slices, n, stream_, [&](uint64_t first, uint64_t count) {
+      const uint32_t *left_out = has_near_ ? shadows.left_out + first : nullptr,
+                     *ended_at = has_near_ ? shadows.ended_at + first : nullptr;
+      const Ray *rays = shadows.queue.rays + first;
+      uint8_t *occluded = shadows.occluded + first;
       RayOrder order;
-      if (has_near_)
-        order = {Coherence::Incoherent, 0, memory_.trace_scratch(), shadows.left_out, shadows.ended_at};
-      launch_any(scene_, shadows.queue.rays, n, shadows.occluded, order, stream_);
-    }
+      if (has_near_) order = {Coherence::Incoherent, 0, memory_.trace_scratch(), left_out, ended_at};
+      if (ScheduledTracer *tracer = memory_.tracer())
+        tracer->any(scene_, rays, count, occluded, {left_out, ended_at, true});
+      else launch_any(scene_, rays, count, occluded, order, stream_);
+    });
     launch("kernel that adds direct light", add_direct_light_kernel, n, stream_, shadows, memory_.results(),
            n);
     counters_.num_shadow_rays += n;

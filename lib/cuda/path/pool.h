@@ -37,6 +37,7 @@ class PoolMemory {
   ScheduledTracer *tracer() { return tracer_ ? &*tracer_ : nullptr; }
 
   StageClock clock;
+  RaySlices slices;
 
  private:
   struct Arrays;

@@ -80,9 +80,14 @@ class StreamExecutor {
       memory_.clock.mark(stream_, PathStage::Trace);
       return;
     }
-    if (ScheduledTracer *tracer = memory_.tracer())
-      tracer->closest(scene_, rays, n, HitLayout::Internal, hits, {nullptr, nullptr, !is_first_trace_});
-    else launch_closest(scene_, rays, n, HitLayout::Internal, hits, order(is_first_trace_), stream_);
+    memory_.slices.run(*scene_.slices, n, stream_, [&](uint64_t first, uint64_t count) {
+      if (ScheduledTracer *tracer = memory_.tracer())
+        tracer->closest(scene_, rays + first, count, HitLayout::Internal, hits + first,
+                        {nullptr, nullptr, !is_first_trace_});
+      else
+        launch_closest(scene_, rays + first, count, HitLayout::Internal, hits + first, order(is_first_trace_),
+                       stream_);
+    });
     (is_first_trace_ ? counters_.num_camera_rays : counters_.num_bounce_rays) += n;
     is_first_trace_ = false;
     memory_.clock.mark(stream_, PathStage::Trace);
@@ -94,9 +99,11 @@ class StreamExecutor {
       check(cudaMemsetAsync(occluded, 0, n, stream_), "cudaMemsetAsync");
       return;
     }
-    if (ScheduledTracer *tracer = memory_.tracer())
-      tracer->any(scene_, rays, n, occluded, {nullptr, nullptr, true});
-    else launch_any(scene_, rays, n, occluded, order(false), stream_);
+    memory_.slices.run(*scene_.slices, n, stream_, [&](uint64_t first, uint64_t count) {
+      if (ScheduledTracer *tracer = memory_.tracer())
+        tracer->any(scene_, rays + first, count, occluded + first, {nullptr, nullptr, true});
+      else launch_any(scene_, rays + first, count, occluded + first, order(false), stream_);
+    });
     counters_.num_shadow_rays += n;
     memory_.clock.mark(stream_, PathStage::Shadow);
   }
@@ -268,7 +275,7 @@ void trace_counted_paths(StreamExecutor &exec, const SceneView &scene, const Pat
 }
 
 // Paths that one kernel follows from end to end, a few at a time so that a job can be cancelled.
-constexpr uint32_t max_uber_paths = uint32_t(1) << 19;
+constexpr uint64_t max_uber_paths = uint64_t(1) << 19;
 
 void trace_uber_paths(StreamExecutor &exec, const TraceScene &scene, const PathSettings &settings,
                       const PathUnit &unit, const FilmView &film, uint32_t num_paths, WaveMemory &memory,
@@ -278,20 +285,30 @@ void trace_uber_paths(StreamExecutor &exec, const TraceScene &scene, const PathS
   if (film.features != nullptr || film.first_hits != nullptr) {
     // What the film keeps of eye rays is gathered pixel by pixel, for which all of them must be there at once.
     exec.for_each(PathStage::Generate, num_paths, GenerateCameraRays{settings, unit, wave});
-    launch_closest(scene, wave.rays.rays, num_paths, HitLayout::Internal, wave.hits, {}, stream);
+    memory.slices.run(*scene.slices, num_paths, stream, [&](uint64_t first, uint64_t count) {
+      launch_closest(scene, wave.rays.rays + first, count, HitLayout::Internal, wave.hits + first, {},
+                     stream);
+    });
     add_features(exec, scene.scene, settings, unit, wave, film, num_paths);
   }
   unsigned long long *numbers = memory.uber_numbers();
   auto *device_counters = reinterpret_cast<UberPathCounters *>(numbers);
   unsigned long long *pool = numbers + num_uber_numbers - 1;
   check(cudaMemsetAsync(numbers, 0, num_uber_numbers * sizeof *numbers, stream), "cudaMemsetAsync");
-  for (uint32_t first = 0; first < num_paths; first += max_uber_paths) {
+  Event begin, end;
+  for (uint32_t first = 0; first < num_paths;) {
+    const uint32_t count =
+        uint32_t(std::min<uint64_t>(std::min(memory.uber_slices.get(), max_uber_paths), num_paths - first));
+    begin.record(stream);
     check(cudaMemsetAsync(pool, 0, sizeof *pool, stream), "cudaMemsetAsync");
     const bool is_persistent = memory.schedule().launch == Launch::Persistent;
-    launch_uber_paths(scene, settings, unit, wave, first, min(max_uber_paths, num_paths - first),
-                      {is_persistent ? pool : nullptr}, device_counters, stream);
+    launch_uber_paths(scene, settings, unit, wave, first, count, {is_persistent ? pool : nullptr},
+                      device_counters, stream);
+    end.record(stream);
     memory.clock.mark(stream, PathStage::Trace);
     if (exec.synchronize()) return;
+    memory.uber_slices.learn(count, seconds_between(begin, end));
+    first += count;
   }
   UberPathCounters counted{};
   check(cudaMemcpyAsync(&counted, device_counters, sizeof counted, cudaMemcpyDeviceToHost, stream),

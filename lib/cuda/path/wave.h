@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/path/path_pipeline.h"
+#include "cuda/accel/ray_slices.h"
 #include "cuda/accel/schedule/tracer.h"
 #include "cuda/lanes.h"
 #include "cuda/path/compact.h"
@@ -68,6 +69,9 @@ class WaveMemory {
   uint32_t *host_numbers() const { return static_cast<uint32_t *>(pinned_numbers_); }
 
   StageClock clock;
+  RaySlices slices;
+  // Of whole paths, which the uber-kernel of paths follows.
+  SliceSize uber_slices{uint64_t(1) << 14};
 
  private:
   uint32_t capacity_;

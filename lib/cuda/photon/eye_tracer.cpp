@@ -83,12 +83,10 @@ void EyeTracer::set_passes(const PhotonPass *passes, uint32_t first_slot)
 // The shadow rays of the step are done with.
 void EyeTracer::pass_near_points(int from, uint32_t depth, uint32_t num_rays)
 {
-  RayOrder order;
-  if (queue_.has_near()) order = {Coherence::Coherent, 0, trace_scratch_, nullptr, nullptr};
   for (uint32_t k = 0; k < num_near_rays; ++k) {
     launch_aim_near_rays(wave_, from, depth, k, num_rays, queue_.stream);
-    launch_any(queue_.scene, wave_.shadows.queue.rays, num_rays, wave_.shadows.occluded, order,
-               queue_.stream);
+    queue_.trace_any(wave_.shadows.queue.rays, num_rays, wave_.shadows.occluded, Coherence::Coherent, nullptr,
+                     nullptr, trace_scratch_);
     launch_pass_near_points(wave_, from, depth, num_rays, queue_.stream);
   }
   queue_.mark(PhotonLap::Shadow);
@@ -118,10 +116,8 @@ bool EyeTracer::trace_points(const PathSettings &settings, uint32_t remedies, co
     if (queue_.is_cancelled()) return false;
     if (numbers.shadows != 0) {
       const EyeShadows &shadows = wave_.shadows;
-      RayOrder order;
-      if (queue_.has_near())
-        order = {Coherence::Incoherent, 0, trace_scratch_, shadows.left_out, shadows.ended_at};
-      launch_any(queue_.scene, shadows.queue.rays, numbers.shadows, shadows.occluded, order, queue_.stream);
+      queue_.trace_any(shadows.queue.rays, numbers.shadows, shadows.occluded, Coherence::Incoherent,
+                       shadows.left_out, shadows.ended_at, trace_scratch_);
       launch_add_direct_light(wave_, numbers.shadows, queue_.stream);
       queue_.mark(PhotonLap::Shadow);
       counters_.num_shadow_rays += numbers.shadows;

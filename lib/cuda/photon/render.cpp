@@ -225,9 +225,13 @@ class PassRenderer {
 
   PassQueue queue_on(Lane &lane) const
   {
-    return {scene_,          memory_,
-            lane.stream(),   static_cast<std::byte *>(lane.to_device.reserve(PassQueue::pinned_bytes)),
-            pass_.cancelled, {}};
+    return {scene_,
+            memory_,
+            lane.stream(),
+            static_cast<std::byte *>(lane.to_device.reserve(PassQueue::pinned_bytes)),
+            pass_.cancelled,
+            {},
+            {}};
   }
 
   std::unique_ptr<Workspace> make_workspace(PassQueue &queue) const
@@ -479,9 +483,13 @@ PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionV
                                    LanePool &lanes)
 {
   const LaneLease lane = lanes.acquire();
-  PassQueue queue{scene,          memory,
-                  lane->stream(), static_cast<std::byte *>(lane->to_device.reserve(PassQueue::pinned_bytes)),
-                  nullptr,        {}};
+  PassQueue queue{scene,
+                  memory,
+                  lane->stream(),
+                  static_cast<std::byte *>(lane->to_device.reserve(PassQueue::pinned_bytes)),
+                  nullptr,
+                  {},
+                  {}};
   const DeviceEmission on_device(emission, memory, lane->stream());
   PhotonPass photon_pass = make_photon_pass({num_paths, 1, PhotonKernel::Constant, 0}, emission, 0);
   photon_pass.index = pilot_pass;

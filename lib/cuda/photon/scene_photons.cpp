@@ -80,7 +80,7 @@ std::shared_ptr<const PhotonMap> photon_map_on_device(const PathSettings &settin
   {
     const LaneLease lane = lanes.acquire();
     auto *const numbers = static_cast<std::byte *>(lane->to_device.reserve(PassQueue::pinned_bytes));
-    PassQueue queue{scene, memory, lane->stream(), numbers, nullptr, {}};
+    PassQueue queue{scene, memory, lane->stream(), numbers, nullptr, {}, {}};
     const DeviceEmission on_device(emission, memory, lane->stream());
     const PhotonPass pass =
         make_photon_pass({asked.num_paths, 1, PhotonKernel::Constant, 0}, emission, asked.pass);
