@@ -414,7 +414,7 @@ TEST_P(ReyesRows, Row52StarvedQueue)
   const std::vector<float> reference = read_color(whole, o);
   std::mt19937_64 rng(52);
   uint64_t bad = 0;
-  const uint64_t num = count(method().is_cuda() ? 20 : 40, 10000);
+  const uint64_t num = count(40, 10000);
   double longest = 0;
   for (uint64_t run = 0; run < num; ++run) {
     // Cuts the image into rectangles.
