@@ -379,7 +379,9 @@ def main():
     parser.add_argument("--bench-args", default="", help="options for the benchmark programs, separated by spaces")
     parser.add_argument("--timeout", type=float, default=240, help="seconds for one program (default: %(default)s)")
     parser.add_argument("--jobs", type=int, default=1,
-                        help="programs of tests or the sanitizer at a time; benchmarks run alone (default: %(default)s)")
+                        help="programs of tests or the sanitizer at a time; benchmarks run alone. They share the device's memory: "
+                             "a test that wants a large batch in one launch may fail beside one that fills it "
+                             "(default: %(default)s)")
     parser.add_argument("--budget", type=float, default=86400, help="seconds for everything")
     args = parser.parse_args()
     chosen = list(stages) if args.stages is None else args.stages.split(",")
