@@ -337,11 +337,7 @@ int main(int argc, char **argv)
       return 2;
     }
   }
-  int count = 0;
-  if (cudaGetDeviceCount(&count) != cudaSuccess || count == 0) {
-    std::fprintf(stderr, "no CUDA device: nothing to measure\n");
-    return 0;
-  }
+  if (!is_cuda_there()) return 0;
   gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
   desc.type = GPURT_DEVICE_CUDA;
   desc.log = print_log;

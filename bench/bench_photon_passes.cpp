@@ -26,7 +26,7 @@
 #include <string>
 #include <vector>
 
-#include "check.h"
+#include "cuda_check.h"
 #include "gpurt.h"
 
 namespace {
@@ -35,13 +35,6 @@ struct Options {
   std::vector<std::string> scenes;
   uint32_t width = 1024, height = 1024, photons = 10000000, passes = 64, repeats = 3;
 };
-
-void check(cudaError_t error, const char *what)
-{
-  if (error == cudaSuccess) return;
-  std::fprintf(stderr, "error: %s: %s\n", what, cudaGetErrorString(error));
-  std::exit(1);
-}
 
 // Bytes read and written a second by copies within the device.
 double copy_rate()
@@ -195,11 +188,7 @@ int main(int argc, char **argv)
     std::fprintf(stderr, "no --scene: nothing to measure\n");
     return 0;
   }
-  int count = 0;
-  if (cudaGetDeviceCount(&count) != cudaSuccess || count == 0) {
-    std::fprintf(stderr, "no CUDA device: nothing to measure\n");
-    return 0;
-  }
+  if (!is_cuda_there()) return 0;
   gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
   desc.type = GPURT_DEVICE_CUDA;
   gpurt_device device;

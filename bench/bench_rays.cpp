@@ -221,11 +221,7 @@ int main(int argc, char **argv)
     std::fprintf(stderr, "error: %s holds no triangles of float32 [n][3][3]\n", options.scene.c_str());
     return 1;
   }
-  int num_devices = 0;
-  if (cudaGetDeviceCount(&num_devices) != cudaSuccess || num_devices == 0) {
-    std::fprintf(stderr, "no CUDA device: nothing to measure\n");
-    return 0;
-  }
+  if (!is_cuda_there()) return 0;
   gpurt_device_desc device_desc = GPURT_DEVICE_DESC_INIT;
   device_desc.type = GPURT_DEVICE_CUDA;
   device_desc.log = [](void *, gpurt_log_level, const char *message) {

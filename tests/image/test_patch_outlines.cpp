@@ -18,24 +18,12 @@
 #include <nlohmann/json.hpp>
 
 #include "../support/reyes_renders.h"
+#include "../support/scenes_folder.h"
 
 namespace {
 
 using namespace gpurt_test;
 namespace fs = std::filesystem;
-
-fs::path scenes_folder()
-{
-  const char *folder = std::getenv("GPURT_TEST_SCENES");
-  if (folder != nullptr) return folder;
-  return fs::path(GPURT_SOURCE_DIR).parent_path() / "shared" / "scenes";
-}
-
-gpurt_device_type device_type()
-{
-  const char *device = std::getenv("GPURT_TEST_DEVICE");
-  return device != nullptr && std::string(device) == "cuda" ? GPURT_DEVICE_CUDA : GPURT_DEVICE_CPU;
-}
 
 // Control points of the first mesh of a binary glTF file, which is the model; others are the floor it stands on.
 std::vector<PatchNet> patches_of(const fs::path &path)
@@ -209,7 +197,7 @@ TEST_P(PatchOutlines, HoldNoBackground)
   const Bounds bounds(nets);
   weld(nets, 1e-5 * bounds.diagonal());
   const std::vector<Edge> unshared = unshared_edges(nets);
-  Device device = make_device(device_type());
+  Device device = make_device(image_device_type());
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
   add_patches(scene, nets);

@@ -10,26 +10,12 @@
 
 #include "../support/gpurt_test.h"
 #include "../support/reference_image.h"
+#include "../support/scenes_folder.h"
 
 namespace {
 
 using namespace gpurt_test;
 namespace fs = std::filesystem;
-
-fs::path scenes_folder()
-{
-  const char *folder = std::getenv("GPURT_TEST_SCENES");
-  if (folder != nullptr) return folder;
-  return fs::path(GPURT_SOURCE_DIR).parent_path() / "shared" / "scenes";
-}
-
-gpurt_device_type device_type()
-{
-  const char *device = std::getenv("GPURT_TEST_DEVICE");
-  if (device == nullptr || std::string(device) == "cpu") return GPURT_DEVICE_CPU;
-  EXPECT_EQ(std::string(device), "cuda") << "GPURT_TEST_DEVICE is neither cpu nor cuda";
-  return GPURT_DEVICE_CUDA;
-}
 
 struct Case {
   const char *scene;      // file
@@ -119,7 +105,7 @@ TEST_P(References, ImageAgreesWithinItsNoise)
   const RgbImage reference =
       read_rgb_exr((scenes_folder() / "reference" / (std::string(test.reference) + ".exr")).string());
 
-  Device device = make_device(device_type());
+  Device device = make_device(image_device_type());
   ASSERT_NE(gpurt_device(device), nullptr);
   Scene scene;
   GPURT_ASSERT_OK(gpurt_scene_load(device, scene_path.c_str(), scene.out()));
@@ -222,7 +208,7 @@ TEST_P(PatchReferences, ReyesAgreesWithinNoiseAlsoAtOutlines)
   const RgbImage reference = read_rgb_exr((folder / "reference" / (key + ".exr")).string());
   const char *wanted = std::getenv("GPURT_TEST_SPP");
   const uint32_t spp = wanted != nullptr ? uint32_t(std::atoi(wanted)) : 32;
-  Device device = make_device(device_type());
+  Device device = make_device(image_device_type());
   ASSERT_NE(gpurt_device(device), nullptr);
   const fs::path patches = folder / (name + "_patches.glb"), triangles = folder / (name + "_tess.glb");
 

@@ -177,7 +177,9 @@ TEST_P(ReyesSlots, HaveTheSameBitsForAnyTilesThreadsAndMemory)
     o.tile_size = tile;
     EXPECT_TRUE(has_same_bits(picture(scene_on(other, fill_balls), o, part), expected));
     EXPECT_EQ(part.num_lost_fragments, whole.num_lost_fragments);
-    if (limit != 0) EXPECT_LT(part.working_bytes, whole.working_bytes);
+    if (limit != 0) {
+      EXPECT_LT(part.working_bytes, whole.working_bytes);
+    }
   }
 }
 
