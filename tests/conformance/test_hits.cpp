@@ -115,13 +115,7 @@ class Hits : public ::testing::TestWithParam<Params> {
     EXPECT_EQ(tally.failures(), 0u) << title;
     EXPECT_GT(tally[Outcome::ExactHit], rays_.size() / 20) << title << ": the rays hardly test anything";
 
-    std::vector<uint8_t> occluded(rays_.size(), 2);
-    gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
-    desc.query = GPURT_QUERY_ANY;
-    desc.num_rays = rays_.size();
-    desc.rays = rays_.data();
-    desc.occluded = occluded.data();
-    GPURT_ASSERT_OK(gpurt_scene_trace(scene, &desc));
+    const std::vector<uint8_t> occluded = trace_any(scene, rays_);
     size_t num_different = 0;
     for (size_t i = 0; i < rays_.size(); ++i)
       num_different += occluded[i] != (hits[i].primitive != GPURT_INVALID_ID);
@@ -135,21 +129,9 @@ class Hits : public ::testing::TestWithParam<Params> {
   {
     std::vector<gpurt_ray> rays(large_batch);
     for (size_t i = 0; i < rays.size(); ++i) rays[i] = rays_[i % rays_.size()];
-    gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
-    desc.num_rays = rays.size();
-    desc.rays = rays.data();
     for (const gpurt_coherence coherence : {GPURT_COHERENCE_COHERENT, GPURT_COHERENCE_INCOHERENT}) {
-      std::vector<gpurt_hit> large_hits(rays.size());
-      std::vector<uint8_t> large_occluded(rays.size(), 2);
-      desc.coherence = coherence;
-      desc.query = GPURT_QUERY_CLOSEST;
-      desc.hits = large_hits.data();
-      desc.occluded = nullptr;
-      GPURT_ASSERT_OK(gpurt_scene_trace(scene, &desc));
-      desc.query = GPURT_QUERY_ANY;
-      desc.hits = nullptr;
-      desc.occluded = large_occluded.data();
-      GPURT_ASSERT_OK(gpurt_scene_trace(scene, &desc));
+      const std::vector<gpurt_hit> large_hits = trace_closest(scene, rays, coherence);
+      const std::vector<uint8_t> large_occluded = trace_any(scene, rays, coherence);
       size_t num_different = 0;
       for (size_t i = 0; i < rays.size(); ++i) {
         const size_t k = i % rays_.size();

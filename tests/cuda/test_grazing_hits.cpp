@@ -41,18 +41,8 @@ void expect_hits(gpurt_scene scene, const std::vector<gpurt_ray> &rays, size_t c
 {
   std::vector<gpurt_ray> batch(count);
   for (size_t i = 0; i < count; ++i) batch[i] = rays[i % rays.size()];
-  std::vector<gpurt_hit> hits(count);
-  std::vector<uint8_t> occluded(count, 2);
-  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
-  desc.coherence = coherence;
-  desc.num_rays = count;
-  desc.rays = batch.data();
-  desc.hits = hits.data();
-  GPURT_ASSERT_OK(gpurt_scene_trace(scene, &desc));
-  desc.query = GPURT_QUERY_ANY;
-  desc.hits = nullptr;
-  desc.occluded = occluded.data();
-  GPURT_ASSERT_OK(gpurt_scene_trace(scene, &desc));
+  const std::vector<gpurt_hit> hits = trace_closest(scene, batch, coherence);
+  const std::vector<uint8_t> occluded = trace_any(scene, batch, coherence);
   size_t num_different = 0;
   for (size_t i = 0; i < count; ++i) {
     const gpurt_hit &e = expected[i % rays.size()];

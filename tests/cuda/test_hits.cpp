@@ -434,23 +434,8 @@ void compare_orders(const DevicePair &devices, const TestScene &content, gpurt_a
   std::vector<gpurt_ray> rays = make_rays(scenes.targets, 0, amount(300'000, 270'000));
   rays[7].origin[0] = 1e20f;  // far away: not for the fast kernels
   rays[1000].direction[1] = std::numeric_limits<float>::quiet_NaN();
-  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
-  desc.num_rays = rays.size();
-  desc.rays = rays.data();
-  const auto run = [&](gpurt_scene scene, gpurt_query query, gpurt_coherence coherence) {
-    std::vector<gpurt_hit> hits(query == GPURT_QUERY_CLOSEST ? rays.size() : 0);
-    std::vector<uint8_t> occluded(query == GPURT_QUERY_ANY ? rays.size() : 0);
-    desc.query = query;
-    desc.hits = hits.data();
-    desc.occluded = occluded.data();
-    if (query == GPURT_QUERY_CLOSEST) desc.occluded = nullptr;
-    else desc.hits = nullptr;
-    desc.coherence = coherence;
-    GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
-    return std::pair(hits, occluded);
-  };
-  const auto closest = run(scenes.reference, GPURT_QUERY_CLOSEST, GPURT_COHERENCE_AUTO).first;
-  const auto any = run(scenes.reference, GPURT_QUERY_ANY, GPURT_COHERENCE_AUTO).second;
+  const std::vector<gpurt_hit> closest = trace_closest(scenes.reference, rays);
+  const std::vector<uint8_t> any = trace_any(scenes.reference, rays);
   uint64_t num_hits = 0;
   for (const gpurt_hit &hit : closest) num_hits += hit.primitive != GPURT_INVALID_ID;
   EXPECT_GT(num_hits, rays.size() / 10);
@@ -458,7 +443,7 @@ void compare_orders(const DevicePair &devices, const TestScene &content, gpurt_a
        {GPURT_COHERENCE_COHERENT, GPURT_COHERENCE_INCOHERENT, GPURT_COHERENCE_AUTO}) {
     const uint64_t num_launches[2] = {launches_of(devices.tested, kernels[0]),
                                       launches_of(devices.tested, kernels[1])};
-    const auto tested = run(scenes.tested, GPURT_QUERY_CLOSEST, coherence).first;
+    const std::vector<gpurt_hit> tested = trace_closest(scenes.tested, rays, coherence);
     uint64_t num_different = 0;
     for (size_t i = 0; i < rays.size(); ++i) {
       if (same_bits(tested[i], closest[i]) || ++num_different > 4) continue;
@@ -466,7 +451,7 @@ void compare_orders(const DevicePair &devices, const TestScene &content, gpurt_a
                     << "\n  expected " << describe(closest[i]) << "\n  but      " << describe(tested[i]);
     }
     EXPECT_EQ(num_different, 0u) << "coherence " << coherence;
-    EXPECT_TRUE(run(scenes.tested, GPURT_QUERY_ANY, coherence).second == any) << "coherence " << coherence;
+    EXPECT_TRUE(trace_any(scenes.tested, rays, coherence) == any) << "coherence " << coherence;
     if (coherence == GPURT_COHERENCE_INCOHERENT || is_by_rounds) {
       EXPECT_GT(launches_of(devices.tested, kernels[0]), num_launches[0]);
     }

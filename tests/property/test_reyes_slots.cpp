@@ -16,18 +16,6 @@ class ReyesSlots : public ::testing::TestWithParam<gpurt_device_type> {
   }
 };
 
-uint32_t add_glow(gpurt_scene scene, std::array<float, 3> emission, float alpha)
-{
-  gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
-  for (size_t k = 0; k < 3; ++k) desc.base_color[k] = 0, desc.emission[k] = emission[k];
-  desc.two_sided_emission = 1;
-  desc.alpha = alpha;
-  desc.blends = alpha < 1;
-  uint32_t id = 0;
-  GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &desc, &id));
-  return id;
-}
-
 // Sheets at -i / 1000 in no order, of patches and of meshes, that glow red, green, blue, red .. before a white sky.
 struct Sheets {
   uint32_t num;
@@ -35,15 +23,9 @@ struct Sheets {
 
   void operator()(gpurt_scene scene) const
   {
-    const std::array<uint32_t, 3> materials = {add_glow(scene, {1, 0, 0}, alpha),
-                                               add_glow(scene, {0, 1, 0}, alpha),
-                                               add_glow(scene, {0, 0, 1}, alpha)};
-    std::vector<uint32_t> order(num);
-    for (uint32_t i = 0; i < num; ++i) order[i] = i;
-    std::mt19937_64 rng(39);
-    for (uint32_t i = num; i > 1; --i) std::swap(order[i - 1], order[rng() % i]);
+    const std::array<uint32_t, 3> materials = add_layer_materials(scene, alpha);
     std::array<Mesh, 3> meshes;
-    for (const uint32_t i : order) {
+    for (const uint32_t i : shuffled_layers(num)) {
       const float z = -0.001f * float(i);
       if (i % 5 == 0) add_patches(scene, {flat_patch({-6, -6, z}, {12, 0, 0}, {0, 12, 0})}, materials[i % 3]);
       else meshes[i % 3].append(quad({-6, -6, z}, {6, -6, z}, {6, 6, z}, {-6, 6, z}));
@@ -51,19 +33,6 @@ struct Sheets {
     for (size_t k = 0; k < 3; ++k) add_mesh(scene, meshes[k], materials[k]);
     set_environment(scene, 1);
     add_camera(scene, {0, 0, 3}, 0.8f);
-  }
-
-  // What is seen through the first n of them.
-  std::array<double, 3> color_of_first(uint32_t n) const
-  {
-    double through = 1;
-    std::array<double, 3> color = {0, 0, 0};
-    for (uint32_t i = 0; i < n; ++i) {
-      color[i % 3] += through * double(alpha);
-      through *= 1 - double(alpha);
-    }
-    for (double &c : color) c += through;
-    return color;
   }
 };
 
@@ -127,7 +96,7 @@ TEST_P(ReyesSlots, KeepTheNearestAndCountTheOthers)
     o.reyes.fragment_slots = slots;
     gpurt_reyes_counters c;
     const std::vector<float> color = picture(scene, o, c);
-    const std::array<double, 3> expected = sheets.color_of_first(std::min(slots, 40u));
+    const std::array<double, 3> expected = color_of_layers(std::min(slots, 40u), sheets.alpha);
     double worst = 0;
     for (size_t i = 0; i < color.size(); ++i)
       worst = std::max(worst, std::abs(double(color[i]) - expected[i % 3]));
@@ -212,7 +181,7 @@ TEST_P(ReyesSlots, AreNotNeededForThousandsOfLayersInLittleMemory)
   const Sheets sheets{num_layers, 0.001f};
   RenderOptions o = reyes_options(7, 2, 4.0f);
   o.max_depth = 1;
-  const std::array<double, 3> expected = sheets.color_of_first(num_layers);
+  const std::array<double, 3> expected = color_of_layers(num_layers, sheets.alpha);
   gpurt_reyes_counters roomy, tight;
   const Device device = make_device(GetParam());
   const std::vector<float> color = picture(scene_on(device, sheets), o, roomy);

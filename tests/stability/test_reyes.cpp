@@ -24,18 +24,6 @@ class ReyesRows : public Stability {
     add_turned_camera(scene, eye, rng, float(uniform(rng, 0.3, 2.5)));
   }
 
-  static uint32_t add_glow(gpurt_scene scene, std::array<float, 3> emission, float alpha)
-  {
-    gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
-    for (int k = 0; k < 3; ++k) desc.base_color[k] = 0, desc.emission[k] = emission[size_t(k)];
-    desc.two_sided_emission = 1;
-    desc.alpha = alpha;
-    desc.blends = 1;
-    uint32_t id = 0;
-    GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &desc, &id));
-    return id;
-  }
-
   // A device with another memory limit or number of threads, and the same scene on it.
   template <class Fill>
   Scene scene_on(Device &device, uint32_t threads, uint64_t limit, const Fill &fill)
@@ -141,15 +129,9 @@ TEST_P(ReyesRows, Row39LayersThatBlend)
   constexpr uint32_t num_layers = 500;
   constexpr float alpha = 0.02f;
   const auto fill = [](gpurt_scene scene) {
-    const std::array<uint32_t, 3> materials = {add_glow(scene, {1, 0, 0}, alpha),
-                                               add_glow(scene, {0, 1, 0}, alpha),
-                                               add_glow(scene, {0, 0, 1}, alpha)};
+    const std::array<uint32_t, 3> materials = add_layer_materials(scene, alpha);
     // In no order: layer i lies at -i / 1000.
-    std::vector<uint32_t> order(num_layers);
-    for (uint32_t i = 0; i < num_layers; ++i) order[i] = i;
-    std::mt19937_64 rng(39);
-    for (uint32_t i = num_layers; i > 1; --i) std::swap(order[i - 1], order[pick(rng, i)]);
-    for (const uint32_t i : order) {
+    for (const uint32_t i : shuffled_layers(num_layers)) {
       const float z = -0.001f * float(i);
       if (i % 5 == 0) add_patches(scene, {flat_patch({-2, -2, z}, {4, 0, 0}, {0, 4, 0})}, materials[i % 3]);
       else add_mesh(scene, quad({-2, -2, z}, {2, -2, z}, {2, 2, z}, {-2, 2, z}), materials[i % 3]);
@@ -157,13 +139,7 @@ TEST_P(ReyesRows, Row39LayersThatBlend)
     set_environment(scene, 1);
     add_camera(scene, {0, 0, 3}, 0.8f);
   };
-  double through = 1;
-  std::array<double, 3> expected = {0, 0, 0};
-  for (uint32_t i = 0; i < num_layers; ++i) {
-    expected[i % 3] += through * double(alpha);
-    through *= 1 - double(alpha);
-  }
-  for (double &c : expected) c += through;
+  const std::array<double, 3> expected = color_of_layers(num_layers, alpha);
   RenderOptions o = reyes_options(12, 16, 4.0f);
   o.max_depth = 1;
   uint64_t bad = 0, total = 0;

@@ -223,15 +223,32 @@ inline void commit(gpurt_scene scene, gpurt_accel accel = GPURT_ACCEL_KDTREE,
   GPURT_EXPECT_OK(gpurt_scene_commit(scene, &desc));
 }
 
-inline std::vector<gpurt_hit> trace_closest(gpurt_scene scene, const std::vector<gpurt_ray> &rays)
+inline std::vector<gpurt_hit> trace_closest(gpurt_scene scene, const std::vector<gpurt_ray> &rays,
+                                            gpurt_coherence coherence = GPURT_COHERENCE_AUTO)
 {
   std::vector<gpurt_hit> hits(rays.size());
   gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+  desc.coherence = coherence;
   desc.num_rays = rays.size();
   desc.rays = rays.data();
   desc.hits = hits.data();
   GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
   return hits;
+}
+
+/// 1 for each ray that hits something, 0 for others; 2 stays where nothing was written.
+inline std::vector<uint8_t> trace_any(gpurt_scene scene, const std::vector<gpurt_ray> &rays,
+                                      gpurt_coherence coherence = GPURT_COHERENCE_AUTO)
+{
+  std::vector<uint8_t> occluded(rays.size(), 2);
+  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+  desc.query = GPURT_QUERY_ANY;
+  desc.coherence = coherence;
+  desc.num_rays = rays.size();
+  desc.rays = rays.data();
+  desc.occluded = occluded.data();
+  GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
+  return occluded;
 }
 
 struct RenderOptions {

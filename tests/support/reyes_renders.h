@@ -73,4 +73,47 @@ inline gpurt_statistics statistics_of(gpurt_frame frame)
   return s;
 }
 
+// Layers that glow red, green, blue, red .. before a white sky.
+
+inline uint32_t add_glow(gpurt_scene scene, std::array<float, 3> emission, float alpha)
+{
+  gpurt_material_desc desc = GPURT_MATERIAL_DESC_INIT;
+  for (size_t k = 0; k < 3; ++k) desc.base_color[k] = 0, desc.emission[k] = emission[k];
+  desc.two_sided_emission = 1;
+  desc.alpha = alpha;
+  desc.blends = alpha < 1;
+  uint32_t id = 0;
+  GPURT_EXPECT_OK(gpurt_scene_add_material(scene, &desc, &id));
+  return id;
+}
+
+inline std::array<uint32_t, 3> add_layer_materials(gpurt_scene scene, float alpha)
+{
+  return {add_glow(scene, {1, 0, 0}, alpha), add_glow(scene, {0, 1, 0}, alpha),
+          add_glow(scene, {0, 0, 1}, alpha)};
+}
+
+// 0 to num - 1 in no order.
+inline std::vector<uint32_t> shuffled_layers(uint32_t num)
+{
+  std::vector<uint32_t> order(num);
+  for (uint32_t i = 0; i < num; ++i) order[i] = i;
+  std::mt19937_64 rng(39);
+  for (uint32_t i = num; i > 1; --i) std::swap(order[i - 1], order[pick(rng, i)]);
+  return order;
+}
+
+// What is seen through `num` of them.
+inline std::array<double, 3> color_of_layers(uint32_t num, float alpha)
+{
+  double through = 1;
+  std::array<double, 3> color = {0, 0, 0};
+  for (uint32_t i = 0; i < num; ++i) {
+    color[i % 3] += through * double(alpha);
+    through *= 1 - double(alpha);
+  }
+  for (double &c : color) c += through;
+  return color;
+}
+
 }  // namespace gpurt_test
