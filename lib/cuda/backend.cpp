@@ -198,10 +198,7 @@ class CudaScene final : public CommittedScene, public StreamTracing {
     reyes.has_found_light = compiled_->environment.is_present != 0;
     reyes.view.scene = trace_scene_.scene;
     if (!compiled_->root_ranges.empty()) reyes.num_roots = compiled_->root_ranges.back().first_root;
-    for (size_t i = 0; i < compiled_->segments.size(); ++i) {
-      reyes.has_meshes |=
-          compiled_->patch_ranges[i].num_patches == 0 && compiled_->segments[i].num_triangles != 0;
-    }
+    reyes.has_meshes = compiled_->has_meshes();
     for (const Segment &segment : compiled_->segments) {
       const Material &material = compiled_->materials[segment.material];
       reyes.has_blending |= material.blends != 0;

@@ -107,10 +107,7 @@ bool needs_rays_for_own_light(const ReyesSettings &reyes, const CompiledScene &s
   for (const Light &light : scene.lights) {
     if (light.type == LightType::Triangle) return true;
   }
-  for (size_t i = 0; i < scene.segments.size(); ++i) {
-    if (scene.patch_ranges[i].num_patches == 0 && scene.segments[i].num_triangles != 0) return true;
-  }
-  return false;
+  return scene.has_meshes();
 }
 
 }  // namespace

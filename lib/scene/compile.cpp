@@ -442,6 +442,14 @@ SceneView CompiledScene::view() const
   return v;
 }
 
+bool CompiledScene::has_meshes() const
+{
+  for (size_t i = 0; i < segments.size(); ++i) {
+    if (patch_ranges[i].num_patches == 0 && segments[i].num_triangles != 0) return true;
+  }
+  return false;
+}
+
 ReyesScene CompiledScene::reyes_view() const
 {
   return {view(),

@@ -64,6 +64,8 @@ struct CompiledScene {
   /// Pointers into this object, valid while it lives unchanged.
   SceneView view() const;
   ReyesScene reyes_view() const;
+  /// Whether there are triangles that no patch was cut into.
+  bool has_meshes() const;
   uint64_t bytes() const;
 };
 
