@@ -2,8 +2,8 @@
 //
 //   bench_reyes [--device cpu|cuda] [--scene FILE]... [--size WxH]... [--spp N] [--rate AREA] [--shadows 0|1]
 //               [--shading samples|micropolygons|blocks] [--repeats N] [--threads N]
-//               [--split levels|queues|rounds] [--stages separate|uber|fused] [--schedules 0|1] [--flatness PIXELS]
-//               [--alpha A]
+//               [--split levels|queues|rounds] [--places pushed|blocks|pyramid|naive|library]
+//               [--stages separate|uber|fused] [--schedules 0|1] [--flatness PIXELS]
 //               [--alpha A] [--rough-metal ROUGHNESS] [--copies K] [--slots N] [--memory-limit MIB] [--memory-share S]
 //
 // Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here; with an alpha below 1 the ball blends.
@@ -48,6 +48,7 @@ struct Options {
   gpurt_reyes_shading shading = GPURT_REYES_SHADING_SAMPLES;
   gpurt_launch split = GPURT_LAUNCH_AUTO;
   gpurt_traversal stages = GPURT_TRAVERSAL_AUTO;
+  gpurt_compaction places = GPURT_COMPACTION_AUTO;
 };
 
 using Point = std::array<float, 3>;
@@ -179,6 +180,7 @@ Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimi
     desc.reyes.shading = o.shading;
     desc.schedule.launch = o.split;
     desc.schedule.traversal = o.stages;
+    desc.schedule.compaction = o.places;
     desc.reyes.no_shadows = o.has_shadows ? 0 : 1;
     gpurt_job job = nullptr;
     check(gpurt_frame_submit(frame, &desc, nullptr, 0, &job), "gpurt_frame_submit");
@@ -200,11 +202,12 @@ Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimi
   const gpurt_reyes_counters &c = s.reyes_counters;
   std::printf(
       "{\"bench\":\"reyes\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
-      "\"shading\":%d,\"split\":%d,\"stages\":%d,\"shading_rate\":%g,\"flatness\":%g,\"alpha\":%g,"
+      "\"shading\":%d,\"split\":%d,\"places\":%d,\"stages\":%d,\"shading_rate\":%g,\"flatness\":%g,\"alpha\":"
+      "%g,"
       "\"rough_metal\":%g,\"copies\":%u,\"slots\":%u,\"shadows\":%d,\"wall_ms\":%.4f,\"create_ms\":%.4f,"
       "\"render_ms\":%.4f,\"release_ms\":%.4f",
       loaded.device_name.c_str(), loaded.name.c_str(), size.width, size.height, o.spp, int(o.shading),
-      int(s.schedule.launch), int(s.schedule.traversal), double(o.rate), double(o.flatness),
+      int(s.schedule.launch), int(o.places), int(s.schedule.traversal), double(o.rate), double(o.flatness),
       double(o.variant.alpha), double(o.variant.rough_metal), o.variant.copies, o.slots, int(o.has_shadows),
       median(wall) * 1e3, median(create) * 1e3, median(render) * 1e3, median(release) * 1e3);
   double visible = 0;
@@ -235,7 +238,8 @@ Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimi
                 {"split_rounds", c.split_rounds},
                 {"donated", c.num_donated},
                 {"list_rounds", s.schedule_counters.list_rounds},
-                {"mode_switches", s.schedule_counters.mode_switches}};
+                {"mode_switches", s.schedule_counters.mode_switches},
+                {"compactions", s.schedule_counters.compactions}};
   for (const auto &count : counts) std::printf(",\"%s\":%llu", count.name, (unsigned long long)count.value);
   std::printf(",\"device_ms\":%.4f,\"gmp_per_s\":%.3f,\"gmp_per_s_frame\":%.3f", device_ms,
               double(c.num_micropolygons) / visible * 1e-6, double(c.num_micropolygons) / device_ms * 1e-6);
@@ -256,13 +260,22 @@ void compare_schedules(const Loaded &loaded, const Size &size, Options o)
   const struct {
     gpurt_launch split;
     gpurt_traversal stages;
-  } choices[] = {
-      {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_LEAF_LISTS}, {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_STACK},
-      {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_LEAF_LISTS},  {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_UBER},
-      {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_STACK},       {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_UBER}};
+    gpurt_compaction places = GPURT_COMPACTION_AUTO;
+  } choices[] = {{GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_LEAF_LISTS},
+                 {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_STACK},
+                 {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_LEAF_LISTS},
+                 {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_UBER},
+                 {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_STACK},
+                 {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_UBER},
+                 {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK},
+                 {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK, GPURT_COMPACTION_BLOCK_SCAN},
+                 {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK, GPURT_COMPACTION_PYRAMID},
+                 {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK, GPURT_COMPACTION_NAIVE_SCAN},
+                 {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK, GPURT_COMPACTION_LIBRARY_SCAN}};
   for (const auto &choice : choices) {
     o.split = choice.split;
     o.stages = choice.stages;
+    o.places = choice.places;
     run(loaded, size, o);
   }
 }
@@ -298,6 +311,12 @@ Options parse(int argc, char **argv)
                 : value == "queues" ? GPURT_LAUNCH_PERSISTENT
                 : value == "rounds" ? GPURT_LAUNCH_ROUNDS
                                     : GPURT_LAUNCH_AUTO;
+    } else if (name == "--places") {
+      o.places = value == "blocks"    ? GPURT_COMPACTION_BLOCK_SCAN
+                 : value == "pyramid" ? GPURT_COMPACTION_PYRAMID
+                 : value == "naive"   ? GPURT_COMPACTION_NAIVE_SCAN
+                 : value == "library" ? GPURT_COMPACTION_LIBRARY_SCAN
+                                      : GPURT_COMPACTION_AUTO;
     } else if (name == "--stages") {
       o.stages = value == "separate" ? GPURT_TRAVERSAL_LEAF_LISTS
                  : value == "uber"   ? GPURT_TRAVERSAL_UBER

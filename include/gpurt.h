@@ -709,7 +709,7 @@ typedef enum gpurt_fetch {
   GPURT_FETCH_FORCE32 = 0x7fffffff
 } gpurt_fetch;
 
-/* How the rays that are there are moved together. Renders alone. */
+/* How the rays that are there are moved together, and pieces that REYES cuts with LAUNCH_REGULAR. Renders alone. */
 typedef enum gpurt_compaction {
   GPURT_COMPACTION_AUTO = 0,
   GPURT_COMPACTION_BLOCK_SCAN = 1, /* counts of blocks of rays, and a scan over these */
@@ -761,7 +761,7 @@ typedef struct gpurt_schedule_counters {
   uint64_t mode_switches;    /* UBER: times that a warp turned to other work */
   uint64_t packets;          /* PACKETS: warps of rays that traversed together */
   uint64_t shared_triangles; /* PACKETS: triangles that a packet loaded once for all of its rays */
-  uint64_t compactions;      /* PYRAMID, NAIVE_SCAN and LIBRARY_SCAN: queues that were compacted */
+  uint64_t compactions;      /* any but BLOCK_SCAN of rays: queues that were compacted */
   uint64_t sorted_hits;      /* SORTED: hits that were sorted by material */
   uint64_t counted_rays;     /* COUNTED: rays that were counted, and then made */
   uint64_t wave_splits;      /* COUNTED: times that a count was over the budget, so that a wave split */

@@ -27,6 +27,7 @@ struct Schedule {
 struct ReyesSchedule {
   Launch split = Launch::Auto;
   Traversal stages = Traversal::Auto;
+  Compaction places = Compaction::Auto;  // of what levels of cutting write to their queue; Auto: it is pushed
 };
 
 /// Puts `value` for Auto.

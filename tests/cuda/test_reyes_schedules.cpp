@@ -8,13 +8,21 @@ namespace {
 struct Choice {
   gpurt_launch launch;
   gpurt_traversal traversal;
+  gpurt_compaction compaction = GPURT_COMPACTION_AUTO;
 };
 
 const std::vector<Choice> choices = {
-    {GPURT_LAUNCH_AUTO, GPURT_TRAVERSAL_AUTO},          {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK},
-    {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_STACK},   {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_LEAF_LISTS},
-    {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_LEAF_LISTS}, {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_UBER},
-    {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_UBER}};
+    {GPURT_LAUNCH_AUTO, GPURT_TRAVERSAL_AUTO},
+    {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK},
+    {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_STACK},
+    {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_LEAF_LISTS},
+    {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_LEAF_LISTS},
+    {GPURT_LAUNCH_PERSISTENT, GPURT_TRAVERSAL_UBER},
+    {GPURT_LAUNCH_ROUNDS, GPURT_TRAVERSAL_UBER},
+    {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK, GPURT_COMPACTION_BLOCK_SCAN},
+    {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK, GPURT_COMPACTION_PYRAMID},
+    {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_STACK, GPURT_COMPACTION_NAIVE_SCAN},
+    {GPURT_LAUNCH_REGULAR, GPURT_TRAVERSAL_LEAF_LISTS, GPURT_COMPACTION_LIBRARY_SCAN}};
 
 // Many dented patches, some behind each other, a floor that one block alone could not cut, and a wall through the eye.
 Scene scene_on(gpurt_device device, int num_behind = 0)
@@ -52,6 +60,7 @@ gpurt_render_desc description(const Choice &choice, gpurt_reyes_shading shading)
   desc.reyes.shading = shading;
   desc.schedule.launch = choice.launch;
   desc.schedule.traversal = choice.traversal;
+  desc.schedule.compaction = choice.compaction;
   return desc;
 }
 
@@ -90,10 +99,14 @@ TEST(CudaReyesSchedules, GiveOneImageAndCountWhatTheyDid)
     for (const Choice &choice : choices) {
       const bool is_fused = choice.traversal <= GPURT_TRAVERSAL_STACK;
       if (shading == GPURT_REYES_SHADING_SAMPLES && !is_fused) continue;
-      SCOPED_TRACE(testing::Message() << "shading " << shading << ", launch " << choice.launch
-                                      << ", traversal " << choice.traversal);
+      SCOPED_TRACE(testing::Message()
+                   << "shading " << shading << ", launch " << choice.launch << ", traversal "
+                   << choice.traversal << ", compaction " << choice.compaction);
       const gpurt_launch launch = choice.launch != GPURT_LAUNCH_AUTO ? choice.launch : GPURT_LAUNCH_ROUNDS;
-      const uint64_t split_before = launches_of(device, split_kernels[launch]),
+      const bool is_mapped = choice.compaction != GPURT_COMPACTION_AUTO;
+      const std::string split_kernel = std::string(split_kernels[launch]) + (is_mapped ? " mapped" : "");
+      const uint64_t split_before = launches_of(device, split_kernel),
+                     unmapped_before = launches_of(device, "REYES' queue unmapped"),
                      fused_before = launches_of(device, fused),
                      dice_before = launches_of(device, "REYES stage 'dice'"),
                      shade_before = launches_of(device, "REYES stage 'shade'"),
@@ -114,10 +127,14 @@ TEST(CudaReyesSchedules, GiveOneImageAndCountWhatTheyDid)
       EXPECT_EQ(s.schedule.launch, launch);
       EXPECT_EQ(s.schedule.traversal, is_fused ? GPURT_TRAVERSAL_STACK : choice.traversal);
       // Kernels of their own.
-      const uint64_t num_split = launches_of(device, split_kernels[launch]) - split_before;
+      const uint64_t num_split = launches_of(device, split_kernel) - split_before;
       EXPECT_GT(num_split, 0u);
       if (launch == GPURT_LAUNCH_REGULAR) EXPECT_EQ(num_split, c.split_rounds);
-      else EXPECT_GT(c.split_rounds, 3u);
+      else EXPECT_GT(c.split_rounds, launch == GPURT_LAUNCH_ROUNDS ? 1u : 3u);
+      // Queues whose places are sums: of what waits, and of what is to be diced.
+      EXPECT_EQ(launches_of(device, "REYES' queue unmapped") - unmapped_before,
+                is_mapped ? c.split_rounds : 0u);
+      EXPECT_EQ(s.schedule_counters.compactions, is_mapped ? 2 * c.split_rounds : 0u);
       if (launch == GPURT_LAUNCH_PERSISTENT) EXPECT_GT(c.num_donated, 0u);
       else EXPECT_EQ(c.num_donated, 0u);
       const uint64_t rounds = s.schedule_counters.list_rounds;
@@ -143,8 +160,8 @@ TEST(CudaReyesSchedules, GiveThatImageInLittleMemory)
     const Device device = make_device(GPURT_DEVICE_CUDA, 0, mebibytes << 20);
     const Scene scene = scene_on(device);
     for (const Choice &choice : choices) {
-      SCOPED_TRACE(testing::Message()
-                   << mebibytes << " MiB, launch " << choice.launch << ", traversal " << choice.traversal);
+      SCOPED_TRACE(testing::Message() << mebibytes << " MiB, launch " << choice.launch << ", traversal "
+                                      << choice.traversal << ", compaction " << choice.compaction);
       gpurt_statistics s;
       const std::vector<float> color = picture(scene, choice, GPURT_REYES_SHADING_MICROPOLYGONS, 150, s);
       if (expected.empty()) expected = color;
@@ -221,7 +238,9 @@ TEST(ReyesSchedules, AreCudaDevices)
   const Scene scene = scene_on(device);
   const Frame frame = make_frame(scene, {});
   for (const Choice &choice : choices) {
-    const bool is_there = choice.launch <= GPURT_LAUNCH_REGULAR && choice.traversal <= GPURT_TRAVERSAL_STACK;
+    const bool is_there = choice.launch <= GPURT_LAUNCH_REGULAR &&
+                          choice.traversal <= GPURT_TRAVERSAL_STACK &&
+                          choice.compaction <= GPURT_COMPACTION_BLOCK_SCAN;
     gpurt_render_desc desc = description(choice, GPURT_REYES_SHADING_MICROPOLYGONS);
     desc.samples_per_pixel = 1;
     Job job;

@@ -1,6 +1,9 @@
 #include "cuda/path/compact.h"
 
+#include <type_traits>
+
 #include "cuda/launch.h"
+#include "cuda/path/place.h"
 #include "cuda/path/queue_items.h"
 
 namespace gpurt::cuda {
@@ -18,12 +21,21 @@ __device__ __forceinline__ uint32_t ray_of(unsigned round)
   return blockIdx.x * rays_per_block + round * block_size + threadIdx.x;
 }
 
+// What says of a queue's items which are there.
+const uint32_t *tokens(const FlagQueue &queue) { return queue.flags; }
+template <class Queue>
+const Ray *tokens(const Queue &queue)
+{
+  return queue.rays;
+}
+
+template <class Token>
 __global__ void __launch_bounds__(block_size)
-    count_kernel(const Ray *rays, uint32_t n, uint32_t *block_counts)
+    count_kernel(const Token *items, uint32_t n, uint32_t *block_counts)
 {
   uint32_t count = 0;
   for (unsigned round = 0; round < rounds; ++round)
-    count += __syncthreads_count(is_there(rays, ray_of(round), n));
+    count += __syncthreads_count(is_there(items, ray_of(round), n));
   if (threadIdx.x == 0) block_counts[blockIdx.x] = count;
 }
 
@@ -60,16 +72,16 @@ __global__ void __launch_bounds__(scan_threads)
   if (threadIdx.x == 0) *total = base;
 }
 
-template <class Queue>
+template <class Queue, class Token>
 __global__ void __launch_bounds__(block_size)
-    scatter_kernel(Queue from, uint32_t n, Queue to, const uint32_t *block_offsets)
+    scatter_kernel(Queue from, const Token *items, uint32_t n, Queue to, const uint32_t *block_offsets)
 {
   __shared__ uint32_t first[rounds * num_warps];
   const unsigned lane = threadIdx.x % warp_size, warp = threadIdx.x / warp_size;
   uint32_t votes[rounds];
 #pragma unroll
   for (unsigned round = 0; round < rounds; ++round) {
-    votes[round] = __ballot_sync(~0u, is_there(from.rays, ray_of(round), n));
+    votes[round] = __ballot_sync(~0u, is_there(items, ray_of(round), n));
     if (lane == 0) first[round * num_warps + warp] = __popc(votes[round]);
   }
   __syncthreads();
@@ -91,15 +103,26 @@ void compact(const Queue &from, uint32_t n, const Queue &to, const CompactScratc
              cudaStream_t stream)
 {
   const uint32_t num_blocks = compact_num_blocks(n);
-  launch_blocks("kernel that counts rays", count_kernel, num_blocks, block_size, stream, from.rays, n,
+  const auto *const items = tokens(from);
+  using Token = std::remove_cvref_t<decltype(*items)>;
+  launch_blocks("kernel that counts rays", count_kernel<Token>, num_blocks, block_size, stream, items, n,
                 scratch.block_counts);
   launch_blocks("kernel that sums counts of rays", scan_kernel, 1, scan_threads, stream, scratch.block_counts,
                 num_blocks, scratch.total);
-  launch_blocks("kernel that moves rays", scatter_kernel<Queue>, num_blocks, block_size, stream, from, n, to,
-                scratch.block_counts);
+  launch_blocks("kernel that moves rays", scatter_kernel<Queue, Token>, num_blocks, block_size, stream, from,
+                items, n, to, scratch.block_counts);
 }
 
 }  // namespace
+
+uint64_t block_scan_bytes(uint32_t n) { return uint64_t(compact_num_blocks(n)) * sizeof(uint32_t); }
+
+void launch_place_by_block_scan(const uint32_t *flags, uint32_t n, void *memory, uint32_t *places,
+                                uint32_t *total, cudaStream_t stream)
+{
+  const FlagQueue queue{flags, places};
+  compact(queue, n, queue, {static_cast<uint32_t *>(memory), total}, stream);
+}
 
 uint32_t compact_num_blocks(uint32_t n) { return (n + rays_per_block - 1) / rays_per_block; }
 

@@ -32,7 +32,7 @@ uint64_t placement_bytes(Compaction method, uint32_t n)
     case Compaction::LibraryScan:
       return library_scan_bytes(n);
     default:
-      return 0;  // which counts blocks, not items
+      return block_scan_bytes(n);
   }
 }
 
@@ -46,7 +46,9 @@ void launch_place(const Placement &p, uint32_t n, uint32_t *places, uint32_t *to
   if (p.method == Compaction::Pyramid) launch_place_by_pyramid(p.flags, n, p.memory, places, total, stream);
   else if (p.method == Compaction::NaiveScan)
     launch_place_by_naive_scan(p.flags, n, p.memory, places, total, stream);
-  else launch_place_by_library_scan(p.flags, n, p.memory, p.memory_bytes, places, total, stream);
+  else if (p.method == Compaction::LibraryScan)
+    launch_place_by_library_scan(p.flags, n, p.memory, p.memory_bytes, places, total, stream);
+  else launch_place_by_block_scan(p.flags, n, p.memory, places, total, stream);
 }
 
 void launch_move_rays(const RayQueue &from, uint32_t n, const RayQueue &to, const uint32_t *places,

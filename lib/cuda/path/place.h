@@ -28,6 +28,9 @@ void launch_place(const Placement &placement, uint32_t n, uint32_t *places, uint
                   cudaStream_t stream);
 
 // The techniques.
+uint64_t block_scan_bytes(uint32_t n);
+void launch_place_by_block_scan(const uint32_t *flags, uint32_t n, void *memory, uint32_t *places,
+                                uint32_t *total, cudaStream_t stream);
 uint64_t pyramid_bytes(uint32_t n);
 void launch_place_by_pyramid(const uint32_t *flags, uint32_t n, void *memory, uint32_t *places,
                              uint32_t *total, cudaStream_t stream);

@@ -1,4 +1,5 @@
-// Rays of a queue on the device: whether one is there, and how it is moved. Only .cu files include this.
+// Rays of a queue on the device, and what else is compacted like them: whether one is there, and how it is moved. Only .cu files
+// include this.
 #pragma once
 
 #include "core/path/path_wave.h"
@@ -30,6 +31,22 @@ __device__ __forceinline__ void move_item(const ShadowQueue &from, uint32_t i, c
   copy_ray(from.rays + i, to.rays + k);
   to.paths[k] = from.paths[i];
   to.contributions[k] = from.contributions[i];
+}
+
+// Flags whose places are wanted, as a queue whose items are moved by writing down where to.
+struct FlagQueue {
+  const uint32_t *flags;
+  uint32_t *places;
+};
+
+__device__ __forceinline__ bool is_there(const uint32_t *flags, uint32_t i, uint32_t n)
+{
+  return i < n && flags[i] != 0;
+}
+
+__device__ __forceinline__ void move_item(const FlagQueue &from, uint32_t i, const FlagQueue &, uint32_t k)
+{
+  from.places[i] = k;
 }
 
 }  // namespace gpurt::cuda

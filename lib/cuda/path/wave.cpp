@@ -59,7 +59,7 @@ WaveArrays lay_out(std::byte *base, uint64_t n, const Schedule &schedule)
     a.flags[set] = layout.take<uint32_t>(set == 0 || counted ? num_placed : 0);
     a.places[set] = layout.take<uint32_t>(set == 0 || counted ? num_placed : 0);
   }
-  a.placement_bytes = placement_bytes(schedule.compaction, uint32_t(n));
+  a.placement_bytes = placement_bytes(schedule.compaction, uint32_t(num_placed));
   a.placement_memory = layout.take<std::byte>(a.placement_bytes);
   a.sort_bytes = schedule.shading == Shading::Sorted ? sort_hits_bytes(uint32_t(n)) : 0;
   a.sort_memory = layout.take<std::byte>(a.sort_bytes);

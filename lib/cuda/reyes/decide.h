@@ -115,6 +115,16 @@ __device__ inline bool decide(const ReyesBatch &b, QueuedPiece &q, SharedPart &p
   return is_seen;
 }
 
+// Counts what lanes of a warp have cut: pieces that cannot be seen, that were cut in two, and of these in four.
+__device__ inline void count_level(ReyesNumbers &numbers, bool is_culled, bool is_split, bool is_both)
+{
+  const uint32_t culled = __ballot_sync(0xffffffffu, is_culled), split = __ballot_sync(0xffffffffu, is_split),
+                 both = __ballot_sync(0xffffffffu, is_both);
+  if (lane_id() != 0) return;
+  if (culled != 0) atomicAdd(&numbers.num_culled, (unsigned long long)__popc(culled));
+  if (split != 0) atomicAdd(&numbers.num_splits, (unsigned long long)(__popc(split) + 2 * __popc(both)));
+}
+
 // As many blocks of a kernel of split_threads as a device holds, up to `most` on each multiprocessor.
 unsigned resident_split_blocks(const void *kernel, int most);
 

@@ -234,6 +234,7 @@ ReyesSchedule resolve_reyes_schedule(const Schedule &asked, const ReyesSettings 
   ReyesSchedule s{asked.launch, asked.traversal};
   set_default(s.split, Launch::Rounds);
   set_default(s.stages, Traversal::Stack);
+  if (s.split == Launch::Regular) s.places = asked.compaction;
   if (s.stages == Traversal::Stack) return s;
   const char *stages = s.stages == Traversal::Uber ? "GPURT_TRAVERSAL_UBER" : "GPURT_TRAVERSAL_LEAF_LISTS";
   if (settings.shading == ReyesShading::Samples) {

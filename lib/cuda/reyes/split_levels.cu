@@ -9,20 +9,16 @@ namespace {
 // Pieces of the lower half of the list that the host leaves free, so that the deepest one always ends.
 constexpr uint32_t level_reserve = 2 * deepest_stack;
 
-// Cuts `from_stack` pieces from the top of the stack and `from_slots` fresh patches; what comes of them goes to `cut`.
+// Cuts the pieces of a level; what comes of them goes to `cut`. Places are taken by a warp's additions: the talk's Push.
 __global__ void __launch_bounds__(split_threads)
-    split_level(const __grid_constant__ ReyesBatch b, uint32_t waiting, uint32_t from_stack,
-                uint32_t next_slot, uint32_t from_slots, QueuedPiece *cut)
+    split_level(const __grid_constant__ ReyesBatch b, const __grid_constant__ PiecesOfLevel level,
+                QueuedPiece *cut)
 {
   __shared__ SharedPart parts[split_threads / group_lanes];
   const uint32_t thread = blockIdx.x * split_threads + threadIdx.x, lane = thread % group_lanes,
                  taker = thread / group_lanes;
-  const bool has_piece = taker < from_stack + from_slots;
-  QueuedPiece q{whole_patch(), 0};
-  if (has_piece) {
-    if (taker < from_stack) q = b.stack[waiting - 1 - taker];
-    else q.slot = next_slot + (taker - from_stack);
-  }
+  const bool has_piece = taker < level.from_stack + level.from_slots;
+  QueuedPiece q = level.take(b, has_piece, taker);
   PieceAction action;
   const bool is_seen = decide(b, q, parts[threadIdx.x / group_lanes], lane, action);
   const bool decides = has_piece && lane == 0;
@@ -35,15 +31,11 @@ __global__ void __launch_bounds__(split_threads)
   const uint32_t leaf = take_places(&numbers.num_leaves, is_diced, 1);
   if (is_diced) b.leaves[leaf] = q;
   if (is_split) {
-    Piece pieces[4];
+    Piece pieces[most_parts];
     const uint32_t n = split_piece(q.piece, action, pieces);
     for (uint32_t i = 0; i < n; ++i) cut[i < 2 ? at + i : more_at + i - 2] = {pieces[i], q.slot};
   }
-  const uint32_t culled = __ballot_sync(0xffffffffu, decides && !is_seen),
-                 split = __ballot_sync(0xffffffffu, is_split), both = __ballot_sync(0xffffffffu, is_both);
-  if (lane_id() != 0) return;
-  if (culled != 0) atomicAdd(&numbers.num_culled, (unsigned long long)__popc(culled));
-  if (split != 0) atomicAdd(&numbers.num_splits, (unsigned long long)(__popc(split) + 2 * __popc(both)));
+  count_level(numbers, decides && !is_seen, is_split, is_both);
 }
 
 __global__ void note_levels(ReyesNumbers *numbers, uint32_t waiting, uint32_t next_slot, uint32_t largest,
@@ -57,7 +49,8 @@ __global__ void note_levels(ReyesNumbers *numbers, uint32_t waiting, uint32_t ne
 
 }  // namespace
 
-void split_by_levels(const ReyesBatch &batch, const ReadNumbers &read, cudaStream_t stream)
+uint32_t split_by_levels(const ReyesBatch &batch, const MappedQueue &queue, const ReadNumbers &read,
+                         cudaStream_t stream)
 {
   ReyesNumbers numbers = read();
   const uint32_t half = batch.stack_capacity / 2;
@@ -72,21 +65,30 @@ void split_by_levels(const ReyesBatch &batch, const ReadNumbers &read, cudaStrea
                    from_slots = min(n - from_stack, numbers.num_slots - next_slot);
     n = from_stack + from_slots;
     if (n == 0) break;
-    check(cudaMemsetAsync(&batch.numbers->pushed, 0, sizeof(uint32_t), stream), "cudaMemsetAsync");
-    const unsigned blocks = (n * group_lanes + split_threads - 1) / split_threads;
-    launch_blocks("REYES stage 'split', a level", split_level, blocks, split_threads, stream, batch, waiting,
-                  from_stack, next_slot, from_slots, cut);
+    const PiecesOfLevel level{waiting, from_stack, next_slot, from_slots, numbers.num_leaves};
+    const bool is_pushed = queue.method == Compaction::Auto;
+    if (is_pushed) {
+      check(cudaMemsetAsync(&batch.numbers->pushed, 0, sizeof(uint32_t), stream), "cudaMemsetAsync");
+      launch_blocks("REYES stage 'split', a level", split_level,
+                    (n * group_lanes + split_threads - 1) / split_threads, split_threads, stream, batch,
+                    level, cut);
+    } else {
+      split_mapped_level(batch, queue, level, cut, stream);
+    }
     numbers = read();
     waiting -= from_stack;
     next_slot += from_slots;
     const uint32_t num_cut = numbers.pushed;
-    check(cudaMemcpyAsync(batch.stack + waiting, cut, num_cut * sizeof(QueuedPiece), cudaMemcpyDeviceToDevice,
-                          stream),
-          "cudaMemcpyAsync");
+    if (is_pushed) {
+      check(cudaMemcpyAsync(batch.stack + waiting, cut, num_cut * sizeof(QueuedPiece),
+                            cudaMemcpyDeviceToDevice, stream),
+            "cudaMemcpyAsync");
+    }
     waiting += num_cut;
   }
   launch_blocks("REYES' account of levels", note_levels, 1, 1, stream, batch.numbers, waiting, next_slot,
                 largest, num_levels);
+  return num_levels;
 }
 
 }  // namespace gpurt::cuda

@@ -125,10 +125,11 @@ struct ReyesNumbers {
   uint32_t waiting_high;  // of these, on the upper one of two stacks
   uint32_t num_leaves;    // that are to be diced
   uint32_t num_large;
-  uint32_t num_rest;    // grids that are left to the general kernel
-  uint32_t num_spread;  // micropolygons that this leaves to warps
-  uint32_t tickets[5];  // of grids, triangles, large triangles, the rest of grids, spread micropolygons
-  uint32_t pushed;      // by a level of cutting
+  uint32_t num_rest;        // grids that are left to the general kernel
+  uint32_t num_spread;      // micropolygons that this leaves to warps
+  uint32_t tickets[5];      // of grids, triangles, large triangles, the rest of grids, spread micropolygons
+  uint32_t pushed;          // by a level of cutting
+  uint32_t num_cut_leaves;  // by one that maps: pieces that are to be diced
   unsigned long long rounds[3];  // of cutting: what each made
   // Of queues of blocks: the queue of all, what blocks left behind it, blocks that wait, pieces anywhere; 1: leaves are full.
   uint32_t queue_head, queue_tail, left_at, num_left, idle_blocks, live_pieces, stops;

@@ -52,6 +52,7 @@ struct VisibleSamples::Arrays {
   LargeTriangle *large;
   SpreadQuad *spread;
   ReyesNumbers *numbers;
+  MappedQueue queue;
   uint64_t bytes;
 };
 
@@ -88,6 +89,8 @@ VisibleSamples::Arrays VisibleSamples::lay_out(std::byte *base, const ReyesListS
   a.staged = layout.take<std::byte>(
       schedule.stages == Traversal::LeafLists ? staged_grids(sizes) * diced_grid_bytes() : 0);
   a.numbers = layout.take<ReyesNumbers>(1);
+  if (schedule.places != Compaction::Auto)
+    a.queue = MappedQueue::lay_out(layout, schedule.places, sizes.stack);
   a.bytes = layout.bytes();
   return a;
 }
@@ -122,6 +125,7 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
   first_ = a.first;
   at_ = a.at;
   ready_ = schedule.split == Launch::Persistent ? a.ready : nullptr;
+  queue_ = a.queue;
   staged_ = reinterpret_cast<DicedGrid *>(a.staged);
   num_staged_ = staged_grids(sizes);
   masks_ = has_masks ? a.masks : nullptr;
@@ -278,7 +282,9 @@ ReyesNumbers VisibleSamples::read_numbers(cudaStream_t stream)
 void VisibleSamples::split(const ReyesNumbers *last, cudaStream_t stream)
 {
   if (schedule_.split == Launch::Regular) {
-    split_by_levels(batch_, [&] { return read_numbers(stream); }, stream);
+    const uint32_t levels = split_by_levels(batch_, queue_, [&] { return read_numbers(stream); }, stream);
+    // Of what waits, and of what is to be diced.
+    if (queue_.method != Compaction::Auto) compactions_ += 2 * uint64_t(levels);
   } else if (schedule_.split == Launch::Persistent) {
     if (turn_ == 0)
       check(cudaMemsetAsync(ready_, 0, sizes_.stack * sizeof(uint32_t), stream), "cudaMemsetAsync");
@@ -494,6 +500,8 @@ void VisibleSamples::collect(cudaStream_t stream, RenderCounters &counters)
   counters.schedule.mode_switches += n.num_switches;
   counters.schedule.list_rounds += list_rounds_;
   list_rounds_ = 0;
+  counters.schedule.compactions += compactions_;
+  compactions_ = 0;
   r.largest_queue = std::max<uint64_t>(r.largest_queue, n.largest_queue);
   counters.largest_sample = std::max(counters.largest_sample, float_from_bits(n.largest_sample));
   for (size_t i = 1; i < stages_.size(); ++i) {

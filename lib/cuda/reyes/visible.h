@@ -8,6 +8,7 @@
 #include "backend.h"
 #include "cuda/lanes.h"
 #include "cuda/reyes/render.h"
+#include "cuda/reyes/split_schedules.h"
 #include "cuda/reyes/stages.h"
 
 namespace gpurt::cuda {
@@ -112,6 +113,8 @@ class VisibleSamples {
   uint32_t *ready_ = nullptr;    // of queues of pieces
   uint32_t turn_ = 0;            // launches with such queues
   bool is_in_rounds_ = false;    // the batch goes on without them
+  MappedQueue queue_;            // of levels
+  uint64_t compactions_ = 0;     // of that
   DicedGrid *staged_ = nullptr;  // between separate kernels
   uint32_t num_staged_ = 0;
   uint64_t list_rounds_ = 0;  // times that these ran

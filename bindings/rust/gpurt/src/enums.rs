@@ -283,7 +283,8 @@ c_enum! {
 }
 
 c_enum! {
-    /// How the rays that are there are moved together.
+    /// How the rays that are there are moved together. REYES: also how pieces that a level of [`Launch::Regular`] has cut find
+    /// their places in the queue; `Auto`: they are pushed, by atomic additions.
     Compaction {
         /// The library's choice.
         Auto = GPURT_COMPACTION_AUTO,
