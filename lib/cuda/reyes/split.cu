@@ -58,9 +58,11 @@ __device__ SplitRound plan_round(const ReyesBatch &b, const SplitAccount &a, uin
   r.to = is_full ? r.from : 1 - r.from;
   const uint32_t part_room = is_full ? 4 : room - stack_reserve, leaf_room = b.leaf_capacity - a.num_leaves;
   const uint32_t n = min(min(num_takers, part_room / 4), leaf_room);
-  r.is_roomy = part_room >= 4 * num_takers && leaf_room >= most_turns * num_takers;
   r.from_stack = min(n, a.waiting(r.from));
   r.from_slots = min(n - r.from_stack, num_slots - a.next_slot);
+  // Of the blocks that have a piece.
+  const uint32_t most_takers = min(r.num(), gridDim.x) * block_takers;
+  r.is_roomy = part_room >= 4 * most_takers && leaf_room >= most_turns * most_takers;
   return r;
 }
 
