@@ -47,7 +47,8 @@ SANITIZED = {
     "cuda/cuda_photon_images": "CudaPhotonImages.Of*:CudaPhotonImages.AreTheSameInLittleMemory",
     "cuda/cuda_photon_memory": "*Cuda*",
     "cuda/cuda_reyes": "CudaReyes.Of*:CudaReyes.At*:CudaReyes.IsTheSameInLittleMemory:CudaReyesBlending.Of*:"
-                       "CudaReyesBlending.IsTheSameInLittleMemory:CudaReyesSchedules.Give*",
+                       "CudaReyesBlending.IsTheSameInLittleMemory:CudaReyesSchedules.Give*:CudaReyesSchedules.GoOn*:"
+                       "CudaReyesSlots.HaveThe*:CudaReyesRayLight.Of*",
     "cuda/cuda_schedules": "CudaSchedules.OfQueries*:CudaSchedules.OfRenders*:CudaSchedules.CountLanes*:"
                            "CudaSchedules.PoolsRefill*",
     "unit/test_device_bvh": "CudaBvh.*-CudaBvh.EndWhere*:CudaBvh.AreTheSame*",
