@@ -18,34 +18,9 @@
 
 #include "cuda_check.h"
 #include "gpurt.h"
+#include "random.h"
 
 namespace {
-
-using Vec = std::array<float, 3>;
-
-class Random {
- public:
-  explicit Random(uint64_t seed) : state_(seed) {}
-  float unit()
-  {
-    state_ += 0x9e3779b97f4a7c15u;
-    uint64_t z = (state_ ^ (state_ >> 30)) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-    return float((z ^ (z >> 31)) >> 40) * 0x1p-24f;
-  }
-  float between(float lo, float hi) { return lo + (hi - lo) * unit(); }
-  Vec direction()
-  {
-    for (;;) {
-      const Vec v{between(-1, 1), between(-1, 1), between(-1, 1)};
-      const float l = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-      if (l > 0.01f && l <= 1) return {v[0] / l, v[1] / l, v[2] / l};
-    }
-  }
-
- private:
-  uint64_t state_;
-};
 
 struct Mesh {
   std::vector<Vec> vertices;
@@ -338,12 +313,7 @@ int main(int argc, char **argv)
     }
   }
   if (!is_cuda_there()) return 0;
-  gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
-  desc.type = GPURT_DEVICE_CUDA;
-  desc.log = print_log;
-  desc.memory_limit_bytes = options.limit;
-  gpurt_device device;
-  check(gpurt_device_create(&desc, &device), "gpurt_device_create");
+  const gpurt_device device = create_cuda_device(print_log, options.limit);
   gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
   check(gpurt_device_get_properties(device, &properties), "gpurt_device_get_properties");
   const auto run = [&](const std::string &name, const std::function<Mesh()> &make) {

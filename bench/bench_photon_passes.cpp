@@ -189,10 +189,7 @@ int main(int argc, char **argv)
     return 0;
   }
   if (!is_cuda_there()) return 0;
-  gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
-  desc.type = GPURT_DEVICE_CUDA;
-  gpurt_device device;
-  check(gpurt_device_create(&desc, &device), "gpurt_device_create");
+  const gpurt_device device = create_cuda_device();
   gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
   check(gpurt_device_get_properties(device, &properties), "gpurt_device_get_properties");
   const double copies = copy_rate();

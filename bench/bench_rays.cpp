@@ -222,13 +222,8 @@ int main(int argc, char **argv)
     return 1;
   }
   if (!is_cuda_there()) return 0;
-  gpurt_device_desc device_desc = GPURT_DEVICE_DESC_INIT;
-  device_desc.type = GPURT_DEVICE_CUDA;
-  device_desc.log = [](void *, gpurt_log_level, const char *message) {
-    std::fprintf(stderr, "%s\n", message);
-  };
-  gpurt_device device;
-  check(gpurt_device_create(&device_desc, &device), "gpurt_device_create");
+  const gpurt_device device = create_cuda_device(
+      [](void *, gpurt_log_level, const char *message) { std::fprintf(stderr, "%s\n", message); });
   gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
   check(gpurt_device_get_properties(device, &properties), "gpurt_device_get_properties");
   std::map<std::string, std::vector<char>> expected;

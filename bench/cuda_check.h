@@ -1,4 +1,4 @@
-// Ends a benchmark of a CUDA device that fails, with what failed; tells whether there is one.
+// Ends a benchmark of a CUDA device that fails, with what failed; tells whether there is one, and opens it.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -21,4 +21,16 @@ inline bool is_cuda_there()
   if (found) return true;
   std::fprintf(stderr, "no CUDA device: nothing to measure\n");
   return false;
+}
+
+/// The first one. `log`: null for none; `memory_limit`: bytes, 0 for none.
+inline gpurt_device create_cuda_device(gpurt_log_fn log = nullptr, uint64_t memory_limit = 0)
+{
+  gpurt_device_desc desc = GPURT_DEVICE_DESC_INIT;
+  desc.type = GPURT_DEVICE_CUDA;
+  desc.log = log;
+  desc.memory_limit_bytes = memory_limit;
+  gpurt_device device;
+  check(gpurt_device_create(&desc, &device), "gpurt_device_create");
+  return device;
 }

@@ -1,7 +1,7 @@
 // Micropolygons' own light by rays: shadows, lamps, environments, meshes and alpha masks beside patches.
 #include <tuple>
 
-#include "../support/patch_shapes.h"
+#include "../support/reyes_renders.h"
 
 namespace {
 
@@ -19,20 +19,6 @@ RenderOptions options(gpurt_reyes_shading shading, uint32_t spp, uint64_t seed =
   o.pipeline = GPURT_PIPELINE_REYES;
   o.reyes.shading = shading;
   return o;
-}
-
-void add_light(gpurt_scene scene, gpurt_light_type type, float intensity)
-{
-  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
-  light.type = type;
-  for (float &c : light.intensity) c = intensity;
-  light.intensity[2] *= 0.7f;
-  light.position[0] = light.position[1] = light.position[2] = 2;
-  light.direction[0] = 0.3f;
-  light.direction[1] = -0.2f;
-  light.direction[2] = -1;
-  uint32_t id;
-  GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
 }
 
 // A sheet whose texture has holes.
@@ -88,13 +74,6 @@ Scene make_scene(gpurt_device device, Kind kind, gpurt_accel accel = GPURT_ACCEL
   build.patch_tolerance = 0.01f;
   GPURT_EXPECT_OK(gpurt_scene_commit(scene, &build));
   return scene;
-}
-
-gpurt_statistics statistics_of(gpurt_frame frame)
-{
-  gpurt_statistics s = GPURT_STATISTICS_INIT;
-  GPURT_EXPECT_OK(gpurt_frame_get_statistics(frame, &s));
-  return s;
 }
 
 std::vector<float> image(gpurt_scene scene, const RenderOptions &o)

@@ -1,6 +1,6 @@
 // Micropolygons' own light: that of the surface, without bias, whatever tiles, threads and memory; on the CPU and on a CUDA
 // device. And one image for all schedules.
-#include "../support/patch_shapes.h"
+#include "../support/reyes_renders.h"
 
 namespace {
 
@@ -30,28 +30,6 @@ RenderOptions shading_options(gpurt_reyes_shading shading, uint32_t size, uint32
   return o;
 }
 
-void add_light(gpurt_scene scene, gpurt_light_type type, float intensity)
-{
-  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
-  light.type = type;
-  for (float &c : light.intensity) c = intensity;
-  light.intensity[2] *= 0.7f;
-  light.position[0] = light.position[1] = light.position[2] = 2;
-  light.direction[0] = 0.3f;
-  light.direction[1] = -0.2f;
-  light.direction[2] = -1;
-  uint32_t id;
-  GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
-}
-
-void coarse_commit(gpurt_scene scene)
-{
-  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
-  build.accel = GPURT_ACCEL_BVH;
-  build.patch_tolerance = 0.01f;
-  GPURT_EXPECT_OK(gpurt_scene_commit(scene, &build));
-}
-
 // Dented balls of metal and chalk, with every patch of one of them twice in other colours: ties everywhere.
 Scene balls(gpurt_device device)
 {
@@ -72,13 +50,6 @@ Scene balls(gpurt_device device)
   add_camera(scene, {0.3f, 0.1f, 3}, 1.0f);
   coarse_commit(scene);
   return scene;
-}
-
-gpurt_statistics statistics_of(gpurt_frame frame)
-{
-  gpurt_statistics s = GPURT_STATISTICS_INIT;
-  GPURT_EXPECT_OK(gpurt_frame_get_statistics(frame, &s));
-  return s;
 }
 
 // Under the Gaussian micropolygons are larger by default, at about the error of a box: mean squared differences from images of

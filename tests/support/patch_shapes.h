@@ -11,6 +11,32 @@ namespace gpurt_test {
 
 using Point = std::array<float, 3>;
 using PatchNet = std::array<Point, 16>;  // point 4 * row + column
+using Point3 = std::array<double, 3>;
+
+// A point of a patch and its derivatives, by the definition.
+struct SurfacePoint {
+  Point3 p{}, du{}, dv{};
+};
+inline SurfacePoint evaluate(const PatchNet &net, double u, double v)
+{
+  const auto weights = [](double t, double(&b)[4], double(&d)[4]) {
+    const double s = 1 - t;
+    b[0] = s * s * s, b[1] = 3 * t * s * s, b[2] = 3 * t * t * s, b[3] = t * t * t;
+    d[0] = -3 * s * s, d[1] = 3 * s * s - 6 * t * s, d[2] = 6 * t * s - 3 * t * t, d[3] = 3 * t * t;
+  };
+  double bu[4], bv[4], su[4], sv[4];
+  weights(u, bu, su);
+  weights(v, bv, sv);
+  SurfacePoint s;
+  for (size_t k = 0; k < 16; ++k) {
+    for (size_t c = 0; c < 3; ++c) {
+      s.p[c] += bv[k / 4] * bu[k % 4] * double(net[k][c]);
+      s.du[c] += bv[k / 4] * su[k % 4] * double(net[k][c]);
+      s.dv[c] += sv[k / 4] * bu[k % 4] * double(net[k][c]);
+    }
+  }
+  return s;
+}
 
 inline uint32_t add_patches(gpurt_scene scene, const std::vector<PatchNet> &nets, uint32_t material = 0,
                             const std::vector<std::array<float, 12>> &places = {

@@ -25,6 +25,21 @@ inline RenderOptions path_options(const RenderOptions &o)
   return p;
 }
 
+// A light of any type that shines on what is about the origin.
+inline void add_light(gpurt_scene scene, gpurt_light_type type, float intensity)
+{
+  gpurt_light_desc light = GPURT_LIGHT_DESC_INIT;
+  light.type = type;
+  for (float &c : light.intensity) c = intensity;
+  light.intensity[2] *= 0.7f;
+  light.position[0] = light.position[1] = light.position[2] = 2;
+  light.direction[0] = 0.3f;
+  light.direction[1] = -0.2f;
+  light.direction[2] = -1;
+  uint32_t id;
+  GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
+}
+
 inline Frame camera_frame(gpurt_scene scene, const RenderOptions &o, uint32_t camera, uint32_t outputs = 0)
 {
   gpurt_frame_desc desc = GPURT_FRAME_DESC_INIT;
