@@ -5,11 +5,13 @@
 
 #include <algorithm>
 
+#include "accel/isa.h"
 #include "core/accel/hit_ids.h"
 #include "cpu/kernels.h"
 #include "cpu/path/render.h"
 #include "cpu/photon/scene_photons.h"
 #include "cpu/reyes/render.h"
+#include "cpu/reyes/wide_kernel.h"
 
 namespace gpurt {
 namespace {
@@ -55,7 +57,8 @@ void CpuScene::render(const RenderPass &pass) const
   if (pass.reyes != nullptr) {
     ReyesScene reyes = scene_->reyes_view();
     reyes.scene = view_;
-    render_reyes_on_cpu(pass, accel(), reyes, reyes_kernels(cpu_kernels().isa), *arena_, memory_);
+    const char *const isa = wide_isa_name();
+    render_reyes_on_cpu(pass, accel(), reyes, reyes_kernels(isa), wide_kernels(isa), *arena_, memory_);
     return;
   }
   render_on_cpu(pass, accel(), view_, path_kernel(cpu_kernels().isa), *arena_, memory_);

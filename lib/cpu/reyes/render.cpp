@@ -11,6 +11,7 @@
 #include "cpu/path/render_counters.h"
 #include "cpu/path/wave_scratch.h"
 #include "cpu/reyes/buckets.h"
+#include "cpu/reyes/wide_kernel.h"
 
 namespace gpurt {
 namespace {
@@ -173,7 +174,7 @@ bool has_light_to_find(const SceneView &scene)
 }  // namespace
 
 void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const ReyesScene &scene,
-                         const ReyesKernels &kernels, tbb::task_arena &arena,
+                         const ReyesKernels &kernels, const WideKernels *wide, tbb::task_arena &arena,
                          const std::shared_ptr<MemoryTracker> &memory)
 {
   const ReyesSettings &reyes = *pass.reyes;
@@ -265,7 +266,8 @@ void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const Re
                                          buckets.has_lists() ? roots.data() : nullptr,
                                          buckets.has_lists() ? roots.size() : num_roots,
                                          has_found_light,
-                                         lights_by_rays};
+                                         lights_by_rays,
+                                         wide};
                 largest_bucket = std::max(largest_bucket, bucket.num_roots);
                 scratch.bucket_film.reset(x1 - x, y1 - y, pass.outputs);
                 if (scene.scene.has_blending) {
@@ -301,15 +303,23 @@ const ReyesKernels &reyes_kernels();
 namespace x86_64_v3 {
 const ReyesKernels &reyes_kernels();
 }
+namespace x86_64_v4 {
+const WideKernels &wide_kernels();
+}
 const ReyesKernels &reyes_kernels(const char *isa_name)
 {
-  return std::strcmp(isa_name, "x86_64_v3") == 0 ? x86_64_v3::reyes_kernels() : x86_64::reyes_kernels();
+  return std::strcmp(isa_name, "x86_64") == 0 ? x86_64::reyes_kernels() : x86_64_v3::reyes_kernels();
+}
+const WideKernels *wide_kernels(const char *isa_name)
+{
+  return std::strcmp(isa_name, "x86_64_v4") == 0 ? &x86_64_v4::wide_kernels() : nullptr;
 }
 #else
 inline namespace generic {
 const ReyesKernels &reyes_kernels();
 }
 const ReyesKernels &reyes_kernels(const char *) { return generic::reyes_kernels(); }
+const WideKernels *wide_kernels(const char *) { return nullptr; }
 #endif
 
 }  // namespace gpurt

@@ -9,9 +9,9 @@
 namespace gpurt {
 
 /// Renders the units of `pass` on the arena's threads. Returns when all are delivered or left out by cancellation.
-/// Throws OUT_OF_MEMORY, and INVALID_ARGUMENT for more primitives than ids.
+/// `wide`: null, or what goes beside the kernels. Throws OUT_OF_MEMORY, and INVALID_ARGUMENT for more primitives than ids.
 void render_reyes_on_cpu(const RenderPass &pass, const CpuAccel &accel, const ReyesScene &scene,
-                         const ReyesKernels &kernels, tbb::task_arena &arena,
+                         const ReyesKernels &kernels, const WideKernels *wide, tbb::task_arena &arena,
                          const std::shared_ptr<MemoryTracker> &memory);
 
 }  // namespace gpurt

@@ -164,7 +164,7 @@ void put_roots(const ReyesScene &scene, const PathSettings &settings, const Reye
   const DiceSettings dice{1.0f / sqrt(reyes.shading_rate), 0.5f * float(settings.camera.width),
                           0.5f * float(settings.camera.height), reyes.flatness};
   const bool has_own_light = reyes.shading != ReyesShading::Samples;
-  BlockSampler sampler(scene, projection, block, has_own_light && !bucket.lights_by_rays, sink);
+  BlockSampler sampler(scene, projection, block, has_own_light && !bucket.lights_by_rays, sink, bucket.wide);
   const OwnLight own =
       own_light(projection, reyes.shading == ReyesShading::Blocks ? 1 : 0, settings.max_depth >= 2);
   PatchPipeline patches(scene.scene, projection, dice, has_own_light ? &own : nullptr, bucket.lights_by_rays,

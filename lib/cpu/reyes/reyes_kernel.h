@@ -12,6 +12,7 @@ namespace gpurt {
 struct FilmView;
 struct Fragment;
 struct PathWave;
+struct WideKernels;
 
 // Pixels [x0, x1) x [y0, y1) with samples first_sample .. first_sample + num_samples - 1.
 struct ReyesBucket {
@@ -19,8 +20,9 @@ struct ReyesBucket {
   uint64_t first_sample, num_samples;
   const uint32_t *roots;  // what may be seen there, in ascending order; null: all roots of the scene
   uint64_t num_roots;
-  bool has_found_light;  // lamps or an environment: light that rays from surfaces may meet
-  bool lights_by_rays;   // micropolygons' own light is found after visibility; see ray_light.h
+  bool has_found_light;     // lamps or an environment: light that rays from surfaces may meet
+  bool lights_by_rays;      // micropolygons' own light is found after visibility; see ray_light.h
+  const WideKernels *wide;  // null: the processor has no vectors of 512 bits
 };
 
 // One thread's memory for the samples of a bucket.

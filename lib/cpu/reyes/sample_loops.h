@@ -6,8 +6,9 @@
 #include "core/reyes/sample.h"
 #include "core/scene/surface.h"
 #include "cpu/reyes/fragments.h"
-#include "cpu/reyes/shade_grid.h"
+#include "cpu/reyes/grid_light.h"
 #include "cpu/reyes/tiny_quads.h"
+#include "cpu/reyes/wide_kernel.h"
 
 namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
@@ -19,10 +20,11 @@ constexpr uint32_t samples_per_run = 64;
 // Puts micropolygons and triangles, root by root, into the samples of a block.
 class BlockSampler {
  public:
-  /// `sink` takes what is not hidden by the block's surfaces; without one the block does.
+  /// `sink` takes what is not hidden by the block's surfaces; without one the block does. `wide`: null, or what takes grids.
   BlockSampler(const ReyesScene &scene, const RasterProjection &projection, const SampleBlock &block,
-               bool has_own_light, const FragmentSink *sink)
+               bool has_own_light, const FragmentSink *sink, const WideKernels *wide)
       : sink_(sink),
+        wide_(wide),
         scene_(scene),
         projection_(projection),
         block_(block),
@@ -43,7 +45,8 @@ class BlockSampler {
   void sample_grid(const Grid &grid, const GridLight *light, const GridMiddles *middles = nullptr)
   {
     keeps_middle_ = middles != nullptr;
-    if (light != nullptr) sample_rows<true>(grid, light, nullptr);
+    if (wide_ != nullptr && grid.all_in_front) sample_wide_grid(grid, light, middles);
+    else if (light != nullptr) sample_rows<true>(grid, light, nullptr);
     else sample_rows<false>(grid, nullptr, middles);
     keeps_middle_ = false;
   }
@@ -100,6 +103,33 @@ class BlockSampler {
   uint64_t num_fragments() const { return num_fragments_; }
 
  private:
+  void sample_wide_grid(const Grid &grid, const GridLight *light, const GridMiddles *middles)
+  {
+    struct Rest {
+      BlockSampler &sampler;
+      const Grid &grid;
+      const GridLight *light;
+      const GridMiddles *middles;
+
+      BlockSampler &at(uint32_t i, uint32_t j) const
+      {
+        if (light != nullptr) sampler.light_ = light_of(*light, i, j);
+        if (middles != nullptr) sampler.middle_ = middle_of(*middles, i, j);
+        return sampler;
+      }
+    } rest{*this, grid, light, middles};
+    const auto sample_quad = [](void *sampler, uint32_t i, uint32_t j) {
+      const Rest &r = *static_cast<const Rest *>(sampler);
+      const uint32_t width = r.grid.num_u + 1, a = j * width + i;
+      r.at(i, j).sample_quad(r.grid, a, a + 1, a + width + 1, a + width);
+    };
+    const auto take = [](void *sampler, uint32_t i, uint32_t j, uint32_t slot, float z, float u, float v) {
+      static_cast<const Rest *>(sampler)->at(i, j).take(slot, z, {u, v});
+    };
+    num_fragments_ += wide_->sample_grid(
+        {grid, block_, root_, light, middles, sink_ == nullptr && !has_masks_, &rest, sample_quad, take});
+  }
+
   template <bool has_light>
   void sample_rows(const Grid &grid, const GridLight *light, const GridMiddles *middles)
   {
@@ -118,7 +148,7 @@ class BlockSampler {
         }
         for (; left != 0; left &= left - 1) {
           const uint32_t k = uint32_t(__builtin_ctz(left)), i = first + k, a = j * width + i;
-          const uint32_t own = has_light ? light->of(i, j) : 0;
+          const uint32_t own = has_light ? light_of(*light, i, j) : 0;
           if (!has_light && middles != nullptr) middle_ = middle_of(*middles, i, j);
           if (tiny >> k & 1) {
             sample_tiny_quad(block, quads, k, grid, a, has_light, lanes(own), num_fragments);
@@ -282,6 +312,7 @@ class BlockSampler {
   }
 
   const FragmentSink *const sink_;
+  const WideKernels *const wide_;
   const ReyesScene &scene_;
   const RasterProjection &projection_;
   const SampleBlock block_;

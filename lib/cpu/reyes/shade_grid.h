@@ -3,18 +3,10 @@
 #pragma once
 
 #include "core/reyes/shade.h"
+#include "cpu/reyes/grid_light.h"
 #include "cpu/reyes/lanes.h"
 
 namespace gpurt {
-
-// Packed light of a grid's micropolygons, or of its blocks of them.
-struct GridLight {
-  uint32_t shift_u, shift_v;                                 // log2 of the micropolygons along a block
-  uint32_t bits_u;                                           // log2 of the blocks along u
-  uint32_t packed[max_segments * max_segments + num_lanes];  // rows are written in whole lanes
-
-  uint32_t of(uint32_t i, uint32_t j) const { return packed[(j >> shift_v) << bits_u | i >> shift_u]; }
-};
 
 GPURT_FUNCTIONS_BEGIN
 namespace {
