@@ -14,6 +14,7 @@ namespace gpurt {
 struct SampleKey {
   uint64_t seed;            // hash of everything but sample and dimension
   uint32_t reversed_index;  // of the point in its sequence, its bits reversed
+  uint32_t unused = 0;      // copies of 16 bytes would read padding that nobody wrote
 };
 
 GPURT_FUNCTIONS_BEGIN

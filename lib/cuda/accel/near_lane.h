@@ -357,11 +357,10 @@ template <class Kind>
 __device__ __forceinline__ void finish_any(const NearBatch &batch, uint32_t i, bool found,
                                            const Pending &pending)
 {
+  // Of a ray that is left over 0 until the kernel that finishes comes to it, which reads all results where its list is full.
   uint8_t result = found ? 1 : 0;
-  if (!found && pending.count != 0) {
-    if (leave_over<Kind>(batch, i, pending.count, pending.references)) return;
+  if (!found && pending.count != 0 && !leave_over<Kind>(batch, i, pending.count, pending.references))
     result = unlisted_result;
-  }
   static_cast<uint8_t *>(batch.results)[i] = result;
 }
 

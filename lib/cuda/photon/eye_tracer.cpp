@@ -74,6 +74,11 @@ void EyeTracer::clear_step()
         "cudaMemsetAsync");
 }
 
+void EyeTracer::clear_points(uint32_t n)
+{
+  check(cudaMemsetAsync(wave_.points, 0, n * sizeof(VisiblePoint), queue_.stream), "cudaMemsetAsync");
+}
+
 void EyeTracer::set_passes(const PhotonPass *passes, uint32_t first_slot)
 {
   wave_.passes = passes;

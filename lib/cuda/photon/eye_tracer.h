@@ -15,6 +15,9 @@ class EyeTracer {
   uint32_t capacity() const { return capacity_; }
   const VisiblePoint *points() const { return wave_.points; }
 
+  /// Clears n points. A path writes what its vertex needs, and that there is none: all of it is there to copy after this alone.
+  void clear_points(uint32_t n);
+
   /// Turns to passes, in device memory; `first_slot` is that of the unit's first sample.
   void set_passes(const PhotonPass *passes, uint32_t first_slot);
   /// Follows n paths to their visible points. `film` takes what the eye rays met; its arrays may be null. False: cancelled.

@@ -501,6 +501,7 @@ PhotonPilot photon_pilot_on_device(const PathSettings &settings, const EmissionV
   const std::unique_ptr<PilotSpace> space = make_pilot_space(queue, num_points, num_paths);
   const WaitAtEnd wait(queue.stream);
   queue.clock.start(queue.stream);
+  space->eye.clear_points(num_points);
   space->eye.trace_points(settings, 0, {{}, points_per_axis}, {}, num_points);
   std::vector<VisiblePoint> points(num_points);
   check(cudaMemcpyAsync(points.data(), space->eye.points(), num_points * sizeof(VisiblePoint),

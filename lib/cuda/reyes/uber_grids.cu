@@ -74,7 +74,9 @@ __global__ void __launch_bounds__(block_size, 4) dice_shade_sample(const __grid_
       __nanosleep(32);
       continue;
     }
+    // What another warp wrote before it handed the room over is there for lane 0 after its fence, and then for all lanes.
     __threadfence_block();
+    __syncwarp();
     Room &r = rooms[room];
     uint32_t next = is_free;
     if (work == is_free) {

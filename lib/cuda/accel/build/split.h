@@ -231,7 +231,7 @@ GPURT_GROUP void compare_planes(const Group &group, const BuildBins &bins, uint3
 struct SplitState {
   uint64_t best_object, best_spatial;
   BuildSplit split;
-  uint32_t tries_space;
+  uint64_t tries_space;  // 64 bits, so that copies read no padding, which nobody wrote
 };
 
 GPURT_GROUP void begin_split(SplitState &s, uint32_t count)
