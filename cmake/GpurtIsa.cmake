@@ -27,9 +27,9 @@ endmacro()
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64)$")
   # Vectors wider than the registers: no function passes them, all are inlined.
   gpurt_isa_variant(x86_64 -Wno-psabi)
-  gpurt_isa_variant(x86_64_v3 -march=x86-64-v3 -mtune=generic)
+  gpurt_isa_variant(x86_64_v3 -march=x86-64-v3 -mtune=generic -Wno-psabi)
   # GCC takes undefined vectors of its own header for ours.
-  gpurt_wide_isa_variant(x86_64_v4 -march=x86-64-v4 -mtune=generic -Wno-uninitialized -Wno-maybe-uninitialized)
+  gpurt_wide_isa_variant(x86_64_v4 -march=x86-64-v4 -mtune=generic -Wno-psabi -Wno-uninitialized -Wno-maybe-uninitialized)
 else()
   gpurt_isa_variant(generic -Wno-psabi)
 endif()

@@ -53,10 +53,13 @@ void fill(gpurt_scene scene, bool holes, bool panes)
   const std::vector<PatchNet> nets = closed_patches(2, 0.3, 9);
   const uint32_t chalk = add_material(scene, GPURT_MATERIAL_LAMBERT, {0.9f, 0.5f, 0.1f});
   add_patches(scene, nets, chalk, {whole, whole, mirrored});
-  add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.5f, 0.9f}), {whole, mirrored});
+  add_patches(scene, nets, add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.5f, 0.9f}),
+              {whole, mirrored});
   add_patches(scene, poles(5), chalk, {{0.3f, 0, 0, -0.9f, 0, 0.3f, 0, 0.8f, 0, 0, 0.3f, 0.3f}});
-  add_patches(scene, {flat_patch({-3, -1.1f, -2}, {6, 0, 0}, {0, 0, 8}), flat_patch({-1, 1, 1}, {2, 0, 0}, {2, 0, 0})},
-              chalk);
+  add_patches(
+      scene,
+      {flat_patch({-3, -1.1f, -2}, {6, 0, 0}, {0, 0, 8}), flat_patch({-1, 1, 1}, {2, 0, 0}, {2, 0, 0})},
+      chalk);
   const std::array<float, 12> near = {0.3f, 0, 0, -0.4f, 0, 0.3f, 0, -0.5f, 0, 0, 0.3f, 1.2f};
   if (holes) add_patches(scene, nets, add_cut_out(scene, add_chequers(scene)), {near});
   if (panes) add_patches(scene, nets, add_glass_pane(scene), {near, whole});
@@ -86,6 +89,7 @@ struct Case {
   gpurt_reyes_filter filter;
   uint32_t spp;
   float rate, flatness;
+  uint32_t width = 72, height = 64;
 };
 
 TEST(ReyesVariants, MakeTheSameImage)
@@ -97,6 +101,8 @@ TEST(ReyesVariants, MakeTheSameImage)
   const auto box = GPURT_REYES_FILTER_BOX;
   const Case cases[] = {
       {"light of samples", false, false, false, samples, box, 9, 0.25f, 0},
+      {"light of samples, odd sizes", false, false, false, samples, box, 9, 0.25f, 0, 75, 61},
+      {"many samples under a box", false, false, false, samples, box, 40, 0.25f, 0},
       {"a sample a pixel", false, false, false, samples, box, 1, 0.25f, 0},
       {"many samples", false, false, false, samples, GPURT_REYES_FILTER_MITCHELL, 70, 0.25f, 0},
       {"large micropolygons", false, false, false, samples, box, 9, 9.0f, 0},
@@ -104,8 +110,8 @@ TEST(ReyesVariants, MakeTheSameImage)
       {"alpha masks", true, false, false, samples, box, 9, 0.25f, 0},
       {"surfaces that blend", false, true, false, samples, box, 9, 0.25f, 0},
       {"light of micropolygons", false, false, false, micropolygons, box, 9, 0.25f, 0},
-      {"light of micropolygons, many samples", false, false, false, micropolygons, GPURT_REYES_FILTER_GAUSSIAN,
-       33, 0.375f, 0},
+      {"light of micropolygons, many samples", false, false, false, micropolygons,
+       GPURT_REYES_FILTER_GAUSSIAN, 33, 0.375f, 0},
       {"light of blocks", false, false, false, GPURT_REYES_SHADING_BLOCKS, box, 9, 0.25f, 0},
       {"light by rays", false, false, true, micropolygons, box, 9, 0.25f, 0},
   };
@@ -118,10 +124,9 @@ TEST(ReyesVariants, MakeTheSameImage)
   }
   for (const Case &c : cases) {
     const Scene &scene = c.holes ? with_holes : c.panes ? with_panes : plain;
-    // Pixels that no eight nor sixteen divide.
     RenderOptions o;
-    o.width = 75;
-    o.height = 61;
+    o.width = c.width;
+    o.height = c.height;
     o.spp = c.spp;
     o.seed = 3;
     o.max_depth = 2;

@@ -4,44 +4,13 @@
 #include "core/path/path_wave.h"
 #include "core/reyes/filter.h"
 #include "core/reyes/sample.h"
-#include "cpu/reyes/lanes.h"
+#include "cpu/reyes/place_rows.h"
 #include "cpu/reyes/reyes_kernel.h"
+#include "cpu/reyes/wide_kernel.h"
 
 namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
 namespace {
-
-GPURT_INLINE UintLanes scramble_reversed(UintLanes x, UintLanes seed)
-{
-  x ^= x * 0x3d20adeau;
-  x += seed;
-  x *= (seed >> 16) | 1u;
-  x ^= x * 0x05526c56u;
-  x ^= x * 0x53a22864u;
-  return x;
-}
-
-GPURT_INLINE UintLanes sobol_second_reversed(UintLanes index)
-{
-  index ^= index >> 16;
-  index ^= (index & 0xff00ff00u) >> 8;
-  index ^= (index & 0xf0f0f0f0u) >> 4;
-  index ^= (index & 0xccccccccu) >> 2;
-  index ^= (index & 0xaaaaaaaau) >> 1;
-  return index;
-}
-
-// sample_2d of eight keys that have a sample in common, by the words of its seeds.
-GPURT_INLINE void sample_2d(UintLanes low, UintLanes high, uint32_t reversed_index, FloatLanes &x,
-                            FloatLanes &y)
-{
-  const UintLanes index = reverse_bits(scramble_reversed(lanes(reversed_index), low));
-  const UintLanes bits_x = reverse_bits(scramble_reversed(index, high));
-  const UintLanes bits_y =
-      reverse_bits(scramble_reversed(sobol_second_reversed(index), (low ^ high) * 0x9e3779b1u));
-  x = float_lanes((IntLanes)(bits_x >> 8)) * 0x1p-24f;
-  y = float_lanes((IntLanes)(bits_y >> 8)) * 0x1p-24f;
-}
 
 class Places {
  public:
@@ -68,15 +37,33 @@ class Places {
     b.v = memory.v;
     b.first = memory.first;
     if (reyes.filter != ReyesFilter::Box) make_filter_table(reyes.filter, table_);
-    // In the order of the paths that shade them. Until a surface is taken, u and v hold raster units, and slots are cells.
+    // In the order of the paths that shade them.
     const PathUnit unit{bucket.x0, bucket.y0, bucket.x1, bucket.y1, bucket.first_sample, 0};
-    const uint32_t width = bucket.x1 - bucket.x0, height = bucket.y1 - bucket.y0, num_pixels = width * height;
-    // Eight paths in a row are then eight pixels in a row (path_sample).
+    const uint32_t width = bucket.x1 - bucket.x0, height = bucket.y1 - bucket.y0, num = num_samples_;
+    for (uint32_t k = 0; k < num; ++k) memory.z[k] = 0.0f;
+    for (uint32_t k = 0; k < num; ++k) memory.root[k] = invalid_id;
+    const bool keeps_places = reyes.shading == ReyesShading::Samples || bucket.lights_by_rays;
+    if (bucket.num_roots == 0 && reyes.filter == ReyesFilter::Box && !keeps_places) {
+      // Nothing looks for them: any slots do.
+      for (uint32_t k = 0; k < num; ++k) memory.slot[k] = k;
+      return;
+    }
+    const uint64_t last_sample = bucket.first_sample + bucket.num_samples - 1;
+    if (reyes.filter == ReyesFilter::Box && width % 8 == 0 && height % 4 == 0 && width <= most_row_pixels &&
+        bucket.num_samples <= most_placed_samples && bucket.first_sample >> 33 == last_sample >> 33) {
+      const PlacedRows rows{
+          memory, b,      settings.seed,       settings.frame_index,         bucket.x0,   bucket.y0,
+          width,  height, bucket.first_sample, uint32_t(bucket.num_samples), keeps_places};
+      if (bucket.wide != nullptr) bucket.wide->place_rows(rows);
+      else gpurt::place_rows<UintLanes>(rows);
+      return;
+    }
+    // Until a surface is taken, u and v hold raster units, and slots are cells. Eight paths in a row are then eight pixels in a row (path_sample).
     if (width % 8 == 0 && height % 4 == 0) {
-      for (uint32_t p = 0; p < num_pixels; p += num_lanes)
-        place_pixels(unit, bucket.num_samples, num_pixels, p);
+      for (uint32_t p = 0; p < width * height; p += num_lanes)
+        place_pixels(unit, bucket.num_samples, width * height, p);
     } else {
-      for (uint32_t k = 0; k < num_samples_; ++k) place_path(unit, k);
+      for (uint32_t k = 0; k < num; ++k) place_path(unit, k);
     }
     sort();
   }
@@ -109,8 +96,10 @@ class Places {
           }
         }
       }
-      FloatLanes x, y, weight = lanes(1.0f);
-      sample_2d(low[sample & 1], high[sample & 1], reverse_bits(uint32_t(sample >> 1)), x, y);
+      UintLanes bits_x, bits_y;
+      sample_2d_bits(low[sample & 1], high[sample & 1], reverse_bits(uint32_t(sample >> 1)), bits_x, bits_y);
+      FloatLanes x = float_lanes((IntLanes)(bits_x >> 8)) * 0x1p-24f,
+                 y = float_lanes((IntLanes)(bits_y >> 8)) * 0x1p-24f, weight = lanes(1.0f);
       if (reyes_.filter != ReyesFilter::Box) {
         for (uint32_t i = 0; i < num_lanes; ++i) {
           const FilteredPlace place = place_sample(reyes_.filter, table_, {x[i], y[i]});
@@ -168,8 +157,6 @@ class Places {
       memory_.x[slot] = memory_.u[k];
       memory_.y[slot] = memory_.v[k];
     }
-    for (uint32_t k = 0; k < num_samples_; ++k) memory_.z[k] = 0.0f;
-    for (uint32_t k = 0; k < num_samples_; ++k) memory_.root[k] = invalid_id;
     for (uint32_t c = num_cells; c > 0; --c) memory_.first[c] = memory_.first[c - 1];
     memory_.first[0] = 0;
   }

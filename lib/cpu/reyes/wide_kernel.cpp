@@ -1,8 +1,9 @@
-// The sampler's loops for vectors of 512 bits; see wide_kernel.h.
+// Samples' places and the sampler's loops for vectors of 512 bits; see wide_kernel.h.
 #include "cpu/reyes/wide_kernel.h"
 
 #include "core/reyes/lit_point.h"
 #include "cpu/reyes/grid_light.h"
+#include "cpu/reyes/place_rows.h"
 #include "cpu/reyes/wide_quads.h"
 
 namespace gpurt {
@@ -21,8 +22,8 @@ struct TwoRuns {
   uint32_t low, high;
 };
 
-__attribute__((noinline)) void take_one_by_one(const WideGrid &w, const KeptQuad &quad, TwoRuns runs, __m512 z,
-                                               __m512 u, __m512 v, uint32_t taken)
+__attribute__((noinline)) void take_one_by_one(const WideGrid &w, const KeptQuad &quad, TwoRuns runs,
+                                               __m512 z, __m512 u, __m512 v, uint32_t taken)
 {
   alignas(64) float of_z[num_wide_lanes], of_u[num_wide_lanes], of_v[num_wide_lanes];
   _mm512_store_ps(of_z, z);
@@ -133,13 +134,18 @@ uint64_t sample_rows(const WideGrid &w)
   return num_fragments;
 }
 
-uint64_t sample_grid(const WideGrid &w) { return w.light != nullptr ? sample_rows<true>(w) : sample_rows<false>(w); }
+uint64_t sample_grid(const WideGrid &w)
+{
+  return w.light != nullptr ? sample_rows<true>(w) : sample_rows<false>(w);
+}
+
+void place_wide_rows(const PlacedRows &rows) { place_rows<UintLanes16>(rows); }
 
 }  // namespace
 
 const WideKernels &wide_kernels()
 {
-  static constexpr WideKernels kernels = {sample_grid};
+  static constexpr WideKernels kernels = {sample_grid, place_wide_rows};
   return kernels;
 }
 

@@ -8,6 +8,7 @@ namespace gpurt {
 struct Grid;
 struct GridLight;
 struct GridMiddles;
+struct PlacedRows;
 struct SampleBlock;
 
 // A grid in front of the eye, and what its micropolygons leave in samples.
@@ -28,6 +29,8 @@ struct WideGrid {
 struct WideKernels {
   /// Puts the micropolygons of a grid into the samples. Returns how many it took itself.
   uint64_t (*sample_grid)(const WideGrid &grid);
+  /// Finds the places of a bucket's samples and sorts them.
+  void (*place_rows)(const PlacedRows &rows);
 };
 
 /// Those for an instruction set variant, by its name; null: it has none.

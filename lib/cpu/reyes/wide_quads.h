@@ -16,7 +16,7 @@ constexpr uint32_t num_wide_lanes = 16;
 
 // Of sixteen micropolygons, from their vertices a.
 struct alignas(64) WideQuads {
-  float ax[num_wide_lanes], ay[num_wide_lanes];              // from the block's origin
+  float ax[num_wide_lanes], ay[num_wide_lanes];  // from the block's origin
   float diagonal_x[num_wide_lanes], diagonal_y[num_wide_lanes], diagonal_threshold[num_wide_lanes];
   // Of a p c: edges opposite to a, x a + y b + c, and to c, and 1 / w over twice the area.
   float pa_x[num_wide_lanes], pa_y[num_wide_lanes], pa_1[num_wide_lanes], pa_threshold[num_wide_lanes];
@@ -45,8 +45,9 @@ GPURT_INLINE __m512 wide(float x) { return _mm512_set1_ps(x); }
 
 GPURT_INLINE __m512 edge_threshold(__m512 ax, __m512 ay, __m512 bx, __m512 by)
 {
-  const __mmask16 includes = _mm512_cmp_ps_mask(by, ay, _CMP_LT_OQ) |
-                             _mm512_mask_cmp_ps_mask(_mm512_cmp_ps_mask(by, ay, _CMP_EQ_OQ), bx, ax, _CMP_GT_OQ);
+  const __mmask16 includes =
+      _mm512_cmp_ps_mask(by, ay, _CMP_LT_OQ) |
+      _mm512_mask_cmp_ps_mask(_mm512_cmp_ps_mask(by, ay, _CMP_EQ_OQ), bx, ax, _CMP_GT_OQ);
   return _mm512_mask_blend_ps(includes, wide(0.5f), wide(-0.5f));
 }
 
@@ -80,8 +81,8 @@ GPURT_INLINE bool make_wide_quads(const Grid &g, uint32_t j, const SampleBlock &
     return _mm512_srli_epi32(_mm512_cvttps_epi32(_mm512_min_ps(_mm512_max_ps(at, zero), last)),
                              uint32_t(block.cell_bits));
   };
-  const __m512i row = cell(ly, last_y),
-                first = _mm512_mullo_epi32(row, _mm512_set1_epi32(block.cells_x)), one = _mm512_set1_epi32(1);
+  const __m512i row = cell(ly, last_y), first = _mm512_mullo_epi32(row, _mm512_set1_epi32(block.cells_x)),
+                one = _mm512_set1_epi32(1);
   _mm512_store_si512(q.from, _mm512_add_epi32(first, cell(lx, last_x)));
   _mm512_store_si512(q.to, _mm512_add_epi32(_mm512_add_epi32(first, cell(hx, last_x)), one));
   _mm512_store_si512(q.num_rows, _mm512_add_epi32(_mm512_sub_epi32(cell(hy, last_y), row), one));
@@ -155,12 +156,12 @@ GPURT_INLINE WideCover cover_wide(const WideQuads &q, uint32_t k, __m512 x, __m5
   // A sample on the diagonal belongs to one of the two.
   cover.in_p = _mm512_cmp_ps_mask(diagonal, wide(q.diagonal_threshold[k]), _CMP_GT_OQ);
   const __mmask16 in_q = _knot_mask16(cover.in_p);
-  const __mmask16 p = _mm512_mask_cmp_ps_mask(
-      _mm512_mask_cmp_ps_mask(cover.in_p, pa, wide(q.pa_threshold[k]), _CMP_GT_OQ), pc,
-      wide(q.pc_threshold[k]), _CMP_GT_OQ);
-  const __mmask16 c = _mm512_mask_cmp_ps_mask(
-      _mm512_mask_cmp_ps_mask(in_q, qa, wide(q.qa_threshold[k]), _CMP_GT_OQ), qc, wide(q.qc_threshold[k]),
-      _CMP_GT_OQ);
+  const __mmask16 p =
+      _mm512_mask_cmp_ps_mask(_mm512_mask_cmp_ps_mask(cover.in_p, pa, wide(q.pa_threshold[k]), _CMP_GT_OQ),
+                              pc, wide(q.pc_threshold[k]), _CMP_GT_OQ);
+  const __mmask16 c =
+      _mm512_mask_cmp_ps_mask(_mm512_mask_cmp_ps_mask(in_q, qa, wide(q.qa_threshold[k]), _CMP_GT_OQ), qc,
+                              wide(q.qc_threshold[k]), _CMP_GT_OQ);
   cover.is_covered = _kor_mask16(p, c);
   const __m512 share_1 = _mm512_mask_mul_ps(qa * wide(q.q_za[k]), cover.in_p, pa, wide(q.p_za[k]));
   cover.share_2 = _mm512_mask_mul_ps(qc * wide(q.q_zc[k]), cover.in_p, diagonal, wide(q.p_zp[k]));
