@@ -11,51 +11,60 @@ bool have_same_samples(const WorkUnit &a, const WorkUnit &b)
   return a.first_sample == b.first_sample && a.num_samples == b.num_samples;
 }
 
-// Appends the right or lower neighbour; false where the two form no rectangle or a too large one.
-bool join(UnitGroup &group, const UnitGroup &next, bool to_the_right, uint64_t max_paths, uint64_t max_pixels)
+uint64_t num_pixels(const WorkUnit &u) { return uint64_t(u.x1 - u.x0) * (u.y1 - u.y0); }
+
+// Takes the right or lower neighbour in; false where the two form no rectangle or a too large one.
+bool join(WorkUnit &a, const WorkUnit &b, bool to_the_right, uint64_t max_paths, uint64_t max_pixels)
 {
-  const WorkUnit &a = group.bounds, &b = next.bounds;
   const bool touches = to_the_right ? a.x1 == b.x0 && a.y0 == b.y0 && a.y1 == b.y1
                                     : a.y1 == b.y0 && a.x0 == b.x0 && a.x1 == b.x1;
   if (!touches || !have_same_samples(a, b)) return false;
-  if (group.num_paths() + next.num_paths() > max_paths || group.num_pixels() + next.num_pixels() > max_pixels)
-    return false;
-  group.bounds.x1 = b.x1;
-  group.bounds.y1 = b.y1;
-  group.units.insert(group.units.end(), next.units.begin(), next.units.end());
+  const uint64_t pixels = num_pixels(a) + num_pixels(b);
+  if (pixels > max_pixels || pixels * a.num_samples > max_paths) return false;
+  a.x1 = b.x1;
+  a.y1 = b.y1;
   return true;
 }
 
-// Joins groups that follow one another in the list.
-std::vector<UnitGroup> join_all(std::vector<UnitGroup> groups, bool to_the_right, uint64_t max_paths,
-                                uint64_t max_pixels)
+// Units first .. last - 1 of a list, which lie side by side.
+struct Row {
+  WorkUnit bounds;
+  size_t first, last;
+};
+
+template <class T, class Key>
+void sort_by(std::vector<T> &values, Key &&key)
 {
-  std::vector<UnitGroup> joined;
-  for (UnitGroup &g : groups) {
-    if (joined.empty() || !join(joined.back(), g, to_the_right, max_paths, max_pixels))
-      joined.push_back(std::move(g));
-  }
-  return joined;
+  const auto is_less = [&](const T &a, const T &b) { return key(a) < key(b); };
+  if (!std::is_sorted(values.begin(), values.end(), is_less))
+    std::sort(values.begin(), values.end(), is_less);
 }
 
 }  // namespace
 
 std::vector<UnitGroup> group_units(std::span<const WorkUnit> units, uint64_t max_paths, uint64_t max_pixels)
 {
-  std::vector<UnitGroup> groups;
-  groups.reserve(units.size());
-  for (const WorkUnit &unit : units) groups.push_back({unit, {unit}});
   // Neighbours in a row of units first, then rows below one another.
-  std::sort(groups.begin(), groups.end(), [](const UnitGroup &a, const UnitGroup &b) {
-    return std::tie(a.bounds.first_sample, a.bounds.num_samples, a.bounds.y0, a.bounds.y1, a.bounds.x0) <
-           std::tie(b.bounds.first_sample, b.bounds.num_samples, b.bounds.y0, b.bounds.y1, b.bounds.x0);
+  std::vector<WorkUnit> sorted(units.begin(), units.end());
+  sort_by(sorted,
+          [](const WorkUnit &u) { return std::tie(u.first_sample, u.num_samples, u.y0, u.y1, u.x0); });
+  std::vector<Row> rows;
+  for (size_t i = 0; i < sorted.size(); ++i) {
+    if (!rows.empty() && join(rows.back().bounds, sorted[i], true, max_paths, max_pixels)) rows.back().last++;
+    else rows.push_back({sorted[i], i, i + 1});
+  }
+  sort_by(rows, [](const Row &r) {
+    const WorkUnit &u = r.bounds;
+    return std::tie(u.first_sample, u.num_samples, u.x0, u.x1, u.y0);
   });
-  groups = join_all(std::move(groups), true, max_paths, max_pixels);
-  std::sort(groups.begin(), groups.end(), [](const UnitGroup &a, const UnitGroup &b) {
-    return std::tie(a.bounds.first_sample, a.bounds.num_samples, a.bounds.x0, a.bounds.x1, a.bounds.y0) <
-           std::tie(b.bounds.first_sample, b.bounds.num_samples, b.bounds.x0, b.bounds.x1, b.bounds.y0);
-  });
-  return join_all(std::move(groups), false, max_paths, max_pixels);
+  std::vector<UnitGroup> groups;
+  for (const Row &row : rows) {
+    if (groups.empty() || !join(groups.back().bounds, row.bounds, false, max_paths, max_pixels))
+      groups.push_back({row.bounds, {}});
+    std::vector<WorkUnit> &to = groups.back().units;
+    to.insert(to.end(), sorted.begin() + ptrdiff_t(row.first), sorted.begin() + ptrdiff_t(row.last));
+  }
+  return groups;
 }
 
 }  // namespace gpurt::cuda
