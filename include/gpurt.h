@@ -1335,13 +1335,16 @@ GPURT_API gpurt_result gpurt_job_retain(gpurt_job job);
 /** Gives a job back. One that still runs is cancelled. */
 GPURT_API gpurt_result gpurt_job_release(gpurt_job job);
 
-/** Copies an output of the frame to host memory.
+/** Copies an output of the frame to host memory, or to memory of the frame's CUDA device.
  *
- *  @param data        Room for the output's shape as gpurt_output states it, top row first.
+ *  @param data        Room for the output's shape as gpurt_output states it, top row first. On a CUDA device page-locked host
+ *                     memory is written by the device itself, and so is memory of the device: after what the legacy default
+ *                     stream has then, and before the call returns.
  *  @param size_bytes  Size of data; must match exactly.
  *
  *  Pixels without samples are 0, their ids GPURT_INVALID_ID. May be called while a job runs: whole samples are seen.
- *  Errors: INVALID_ARGUMENT, also for an output that the frame was not created with.
+ *  Errors: INVALID_ARGUMENT, also for an output that the frame was not created with, and for memory of another CUDA device;
+ *  DEVICE once, where the device was lost with the frame's last samples: the frame goes on with those that the host has.
  */
 GPURT_API gpurt_result gpurt_frame_read(gpurt_frame frame, gpurt_output output, void *data,
                                         uint64_t size_bytes);

@@ -158,6 +158,36 @@ struct PhotonPilot {
 using TakePilotPhotons =
     std::function<void(std::span<const PhotonPilot::Point> points, std::span<const Photon> photons)>;
 
+/// What adding samples to a film found: samples that had been left out, and sums beyond the range in which more are safe.
+struct FilmFinds {
+  uint64_t num_nonfinite = 0, num_saturated = 0;
+};
+
+/// A film's sums in the memory of a device, to which its passes add without the host. The memory is taken when it is first
+/// needed, and counted as the frame's film, which is reserved already. From one thread at a time.
+class DeviceFilm {
+ public:
+  virtual ~DeviceFilm() = default;
+  /// Takes the host's sums over. Throws OUT_OF_MEMORY, DEVICE.
+  virtual void upload(const TileFilm &from) = 0;
+  /// Puts its sums in the place of the host's, which have the same size and outputs. Throws DEVICE; `has_begun` then says whether
+  /// some of the host's are overwritten.
+  virtual void download(TileFilm &to, bool &has_begun) const = 0;
+  /// Writes an output of all pixels as resolve_row() does; `data` is memory of the host or of this device. False, with nothing
+  /// written: it is one that the host resolves. Throws DEVICE.
+  virtual bool resolve(gpurt_output output, void *data, uint64_t bytes) const = 0;
+};
+
+/// A frame whose sums are on the device that renders.
+struct FilmOnDevice {
+  DeviceFilm *film;
+  /// Takes finished units in place of RenderPass::deliver, whole or not at all: it calls `add`, which adds them to the film,
+  /// while nobody else looks at that. From any thread.
+  std::function<void(std::span<const WorkUnit>, const RenderCounters &,
+                     const std::function<FilmFinds()> &add)>
+      deliver;
+};
+
 /// One pass: units in any order, on all workers of the backend.
 struct RenderPass {
   PathSettings settings;
@@ -176,6 +206,7 @@ struct RenderPass {
   std::function<std::span<const WorkUnit>()> more;
   /// Takes the finished samples of a unit; called from any thread. A unit is delivered whole or not at all.
   std::function<void(const WorkUnit &, const TileFilm &, const RenderCounters &)> deliver;
+  const FilmOnDevice *on_device = nullptr;  // of this device; null: units are delivered to the host
 };
 
 class PhotonMap;  // photon_maps.h
@@ -188,6 +219,12 @@ class CommittedScene {
   virtual const AccelFacts &accel_facts() const = 0;
   virtual void trace(const TraceRequest &request) const = 0;
   virtual void render(const RenderPass &pass) const = 0;
+  /// A film without samples in the device's memory, which keeps the device; null where passes deliver to the host alone.
+  virtual std::unique_ptr<DeviceFilm> make_film(uint32_t /*width*/, uint32_t /*height*/,
+                                                uint32_t /*outputs*/) const
+  {
+    return nullptr;
+  }
   /// Throws UNSUPPORTED where the device has no photon mapping.
   virtual void require_photons() const;
   /// Throws UNSUPPORTED where photon mapping cannot keep statistics of pixels from pass to pass.

@@ -47,6 +47,13 @@ class MemoryTracker {
   /// Counts everything for `whole` too, of which this is a part. Called before anything is reserved here.
   void count_in(std::shared_ptr<MemoryTracker> whole) { whole_ = std::move(whole); }
 
+  /// Counts what was released for another to reserve, and is held again: beyond the limit too.
+  void retake(uint64_t bytes)
+  {
+    used_.fetch_add(bytes);
+    if (whole_) whole_->retake(bytes);
+  }
+
   uint64_t limit() const { return limit_; }
   uint64_t used() const { return used_.load(); }
   uint64_t peak() const { return peak_.load(); }

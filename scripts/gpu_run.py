@@ -42,6 +42,7 @@ SANITIZED = {
     "conformance/test_photons": "Cuda*Nearest*:Cuda*NoneInAn*:Cuda*Chooses*:Cuda*File*",
     "cuda/cuda_device": "CudaDevice.*:CudaMemory.RunsOutAtTheLimit*:CudaMemory.OfLittle*:CudaMemory.IsGivenBack:CudaThreads.*",
     "cuda/cuda_device_memory": "*Cuda*",
+    "cuda/cuda_films": "CudaFilms.*",
     "cuda/cuda_hits": "Scenes/CudaHits.*:CudaTrees.*:CudaStacks.*:CudaFast*:CudaCoherence.*:CudaGrazing.*",
     "cuda/cuda_images": "CudaImages.Of*:CudaImages.AreTheSameInLittleMemory",
     "cuda/cuda_photon_images": "CudaPhotonImages.Of*:CudaPhotonImages.AreTheSameInLittleMemory",

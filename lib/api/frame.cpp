@@ -1,6 +1,8 @@
 // gpurt_frame_*: forwards to lib/frame.
 #include "frame/frame.h"
 
+#include <vector>
+
 #include "api/descriptor.h"
 #include "api/guard.h"
 #include "api/objects.h"
@@ -24,6 +26,16 @@ std::span<const gpurt_tile> checked_tiles(const gpurt_tile *tiles, size_t num_ti
   }
   if (num_tiles > UINT32_MAX) fail_invalid("num_tiles is {}; at most {}", num_tiles, UINT32_MAX);
   return {tiles, num_tiles};
+}
+
+bool is_device_memory(const Backend &backend, const void *data)
+{
+  if (backend.info().type != GPURT_DEVICE_CUDA) return false;
+  try {
+    return backend.holds(data);
+  } catch (const Error &) {
+    return false;  // the device is lost: it has no memory any more
+  }
 }
 
 }  // namespace
@@ -91,7 +103,14 @@ gpurt_result gpurt_frame_read(gpurt_frame frame, gpurt_output output, void *data
     const auto f = get(frame, "frame");
     check_enum(output, GPURT_OUTPUT_COUNT, "output", "gpurt_output");
     require(data, "data");
-    f->frame->read(output, data, size_bytes);
+    Backend &backend = *f->scene->device->backend;
+    // The host cannot write there: either the device does, or it is given what the host has written.
+    if (!is_device_memory(backend, data)) f->frame->read(output, data, size_bytes);
+    else if (!f->frame->read_on_device(output, data, size_bytes)) {
+      std::vector<std::byte> values(size_bytes);
+      f->frame->read(output, values.data(), size_bytes);
+      backend.copy_to_device(data, values.data(), size_bytes);
+    }
   });
 }
 

@@ -12,6 +12,7 @@
 #include "cuda/device_scene.h"
 #include "cuda/factory.h"
 #include "cuda/kernel_listing.h"
+#include "cuda/path/device_film.h"
 #include "cuda/path/render.h"
 #include "cuda/photon/photon_map.h"
 #include "cuda/photon/render.h"
@@ -32,11 +33,15 @@ constexpr uint64_t max_host_bvh_triangles = 2048, max_host_kd_triangles = 2048;
 // Of kd-trees that are built here: finer than those of the host, which have to be the same on every device (docs/kdtree.md).
 constexpr float device_traversal_cost = 1.0f;
 
-// What scenes, frames and jobs of a device share; scenes keep it alive.
+// Films stay on the device while they take less than this part of its memory.
+constexpr uint64_t films_share = 8;
+
+// What scenes, frames and jobs of a device share; scenes and films keep it alive.
 struct SharedDevice {
   DeviceInfo info;
   std::shared_ptr<DeviceMemory> memory;
   LanePool lanes;
+  FilmBudget film_budget;
 };
 
 class CudaScene final : public CommittedScene, public StreamTracing {
@@ -124,6 +129,12 @@ class CudaScene final : public CommittedScene, public StreamTracing {
     else if (pass.reyes != nullptr)
       render_reyes_on_device(pass, trace_scene_, reyes_scene(), device_->memory, device_->lanes);
     else render_on_device(pass, trace_scene_, device_->memory, device_->lanes);
+  }
+
+  std::unique_ptr<DeviceFilm> make_film(uint32_t width, uint32_t height, uint32_t outputs) const override
+  {
+    return std::make_unique<CudaFilm>(device_, device_->memory, device_->lanes, device_->film_budget, width,
+                                      height, outputs);
   }
 
   void require_photons() const override {}
@@ -228,6 +239,7 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
       : device_(std::make_shared<SharedDevice>()), log_(options.log)
   {
     device_->info = info;
+    device_->film_budget.most = info.memory_bytes / films_share;
     const DeviceScope scope(int(info.ordinal));
     device_->memory = std::make_shared<DeviceMemory>(int(info.ordinal), options.memory_limit_bytes);
   }

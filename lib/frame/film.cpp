@@ -18,15 +18,30 @@ bool has_samples(const PixelSums &p) { return (p.num_samples[0] | p.num_samples[
 
 void TileFilm::reset(uint32_t w, uint32_t h, uint32_t wanted_outputs)
 {
+  reserve(w, h, wanted_outputs);
+  clear();
+}
+
+void TileFilm::reserve(uint32_t w, uint32_t h, uint32_t wanted_outputs)
+{
   const size_t num_pixels = size_t(w) * h;
   width = w;
   height = h;
   outputs = wanted_outputs;
-  pixels.reset(num_pixels);
-  features.reset(wanted_outputs & feature_outputs ? num_pixels : 0);
-  first_hits.reset(wanted_outputs & first_hit_outputs ? num_pixels : 0);
-  errors.reset(wanted_outputs & error_outputs ? num_pixels : 0);
-  statistics.reset(wanted_outputs & film_statistics ? num_pixels : 0);
+  pixels.reserve(num_pixels);
+  features.reserve(wanted_outputs & feature_outputs ? num_pixels : 0);
+  first_hits.reserve(wanted_outputs & first_hit_outputs ? num_pixels : 0);
+  errors.reserve(wanted_outputs & error_outputs ? num_pixels : 0);
+  statistics.reserve(wanted_outputs & film_statistics ? num_pixels : 0);
+}
+
+void TileFilm::clear()
+{
+  pixels.clear();
+  features.clear();
+  first_hits.clear();
+  errors.clear();
+  statistics.clear();
 }
 
 void TileFilm::add_outputs(uint32_t more)

@@ -23,6 +23,9 @@ struct TileFilm {
 
   /// Resizes and clears.
   void reset(uint32_t w, uint32_t h, uint32_t wanted_outputs);
+  /// Resizes alone: all is to be cleared or written before it is read.
+  void reserve(uint32_t w, uint32_t h, uint32_t wanted_outputs);
+  void clear();
   /// Has arrays for film_errors and film_statistics too, as `more` says.
   void add_outputs(uint32_t more);
   FilmView view();

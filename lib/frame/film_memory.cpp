@@ -50,7 +50,7 @@ void clear_memory(void *data, size_t bytes)
   });
 }
 
-void *take_zeroed_memory(size_t bytes, size_t &capacity)
+void *take_memory(size_t bytes, size_t &capacity)
 {
   void *data = nullptr;
   capacity = bytes;
@@ -65,7 +65,6 @@ void *take_zeroed_memory(size_t bytes, size_t &capacity)
   }
   if (data == nullptr) data = std::malloc(bytes);
   if (data == nullptr) throw std::bad_alloc();
-  clear_memory(data, bytes);
   return data;
 }
 

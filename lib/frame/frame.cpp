@@ -1,5 +1,8 @@
 #include "frame/frame.h"
 
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
 #include <chrono>
 #include <cmath>
 #include <cstring>
@@ -124,8 +127,10 @@ Frame::Frame(FrameScene scene, const gpurt_frame_desc &desc) : scene_(std::move(
   const uint64_t bytes = TileFilm::bytes_for(num_pixels, s.settings.outputs) + num_pixels * sizeof(uint32_t);
   memory_ = Reservation(scene_.memory, bytes, "the frame's film");
   try {
-    s.film.reset(s.settings.width, s.settings.height, s.settings.outputs);
-    s.sample_sets.assign(num_pixels, SampleSets::empty);
+    s.film.reserve(s.settings.width, s.settings.height, s.settings.outputs);
+    keeps_on_device_ = make_device_film() != nullptr;
+    // Where nothing looks at them, they are never written.
+    if (!keeps_on_device_) make_host_arrays();
     bands_ = std::vector<std::mutex>(s.settings.height / rows_per_band + 1);
   } catch (const std::bad_alloc &) {
     fail(GPURT_ERROR_OUT_OF_MEMORY,
@@ -175,7 +180,7 @@ void Frame::read_row(gpurt_output output, uint32_t y, void *row) const
   resolve_row(output, row_of(y), state_.settings.width, row);
 }
 
-void Frame::read(gpurt_output output, void *data, uint64_t size_bytes) const
+void Frame::check_read(gpurt_output output, const void *data, uint64_t size_bytes) const
 {
   const uint64_t expected = output_bytes(output);
   if (size_bytes != expected) {
@@ -183,9 +188,22 @@ void Frame::read(gpurt_output output, void *data, uint64_t size_bytes) const
                  state_.settings.width, state_.settings.height, expected);
   }
   if (!data) fail_invalid("data is NULL");
-  const uint64_t row_bytes = expected / state_.settings.height;
-  for (uint32_t y = 0; y < state_.settings.height; ++y)
-    read_row(output, y, static_cast<std::byte *>(data) + y * row_bytes);
+}
+
+void Frame::read(gpurt_output output, void *data, uint64_t size_bytes) const
+{
+  if (read_on_device(output, data, size_bytes)) return;
+  const std::unique_lock<std::mutex> lock = host_sums();
+  const uint64_t row_bytes = size_bytes / state_.settings.height;
+  const uint32_t num_parts = state_.settings.height / rows_per_band + 1;
+  // Whoever waits for it must not begin another of its own tasks meanwhile, which may use the same frame.
+  tbb::this_task_arena::isolate([&] {
+    tbb::parallel_for(uint32_t(0), num_parts, [&](uint32_t part) {
+      const uint32_t end = std::min((part + 1) * rows_per_band, state_.settings.height);
+      for (uint32_t y = part * rows_per_band; y < end; ++y)
+        read_row(output, y, static_cast<std::byte *>(data) + y * row_bytes);
+    });
+  });
 }
 
 // Outputs that say what the error is belong to photon mapping, and to settings that can tell.
@@ -383,6 +401,7 @@ void Frame::add_render_seconds(double seconds)
 uint64_t Frame::smallest_sample_count() const
 {
   uint64_t smallest = ~uint64_t(0);
+  const std::unique_lock<std::mutex> host_lock = host_sums();
   for (uint32_t y = 0; y < state_.settings.height; ++y) {
     const std::scoped_lock lock(band_mutex(y));
     for (uint64_t i = pixel(0, y); i < pixel(0, y + 1); ++i) {
@@ -410,6 +429,7 @@ Frame::Error Frame::estimated_error() const
   }
   if (generation == estimate_generation_) return estimate_;
   bool is_known = true, has_errors = false;
+  const std::unique_lock<std::mutex> host_lock = host_sums();
   const auto moments = [&](uint32_t y0, uint32_t y1, PixelMoments *out) {
     for (uint32_t y = y0; y < y1; ++y) {
       const std::scoped_lock band_lock(band_mutex(y));

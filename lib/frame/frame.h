@@ -10,6 +10,7 @@
 #include "backend.h"
 #include "frame/film.h"
 #include "frame/outputs.h"
+#include "frame/pixel_sets.h"
 #include "frame/sample_sets.h"
 
 namespace gpurt {
@@ -78,6 +79,8 @@ class Frame {
 
   /// Copies an output as gpurt_frame_read does; may run while a job renders.
   void read(gpurt_output output, void *data, uint64_t size_bytes) const;
+  /// The same without the host, where the sums are on the device; `data` may be memory of that. False: they are not.
+  bool read_on_device(gpurt_output output, void *data, uint64_t size_bytes) const;
   /// Number of bytes that read() wants for an output. Throws INVALID_ARGUMENT for one that the frame has not.
   uint64_t output_bytes(gpurt_output output) const;
   /// Writes .exr, .png or .gpurt, by the extension.
@@ -105,7 +108,26 @@ class Frame {
   std::mutex &band_mutex(uint32_t y) const { return bands_[y / rows_per_band]; }
   uint64_t pixel(uint32_t x, uint32_t y) const { return uint64_t(y) * state_.settings.width + x; }
 
+  // Sums that are on the device that renders; see frame_device.cpp.
+  struct OnDevice {
+    std::unique_ptr<DeviceFilm> film;  // null: the host's arrays are all there is
+    bool has_samples = false;          // else the film is yet to get any, as the host's arrays
+    bool is_newer = false;             // than the host's arrays; else the two are equal
+    PixelSets sets;                    // which samples the film has
+    FrameTotals host_totals;           // where it is newer: those of the host's arrays
+    double newer_seconds = 0;          // that rendering took what the host's arrays lack
+  };
+  /// Makes the host's arrays have all samples; they stay so while the lock lives, but for what add_unit() does.
+  std::unique_lock<std::mutex> host_sums() const;
+  std::unique_ptr<DeviceFilm> make_device_film() const;
+  void make_host_arrays() const;  // under host_mutex_, but in the constructor
+  void bring_to_host() const;     // under host_mutex_ and device_mutex_
+  [[noreturn]] void go_back_to_host(const gpurt::Error &loss, bool has_begun) const;  // under both
+  void settle_sets() const;                                                           // under device_mutex_
+  FrameTotals host_totals() const;                                                    // of the host's arrays
+
   void check_output(gpurt_output output) const;
+  void check_read(gpurt_output output, const void *data, uint64_t size_bytes) const;
   SumRow row_of(uint32_t y) const;
   void read_row(gpurt_output output, uint32_t y, void *row) const;
   void save_exr(const std::string &path) const;
@@ -129,18 +151,35 @@ class Frame {
   ReyesSettings resolve_reyes(const gpurt_reyes_settings &asked) const;
   PathSettings path_settings(uint32_t max_depth) const;
   void add_unit(const WorkUnit &unit, const TileFilm &film, const RenderCounters &counters);
+  /// Has the sums on the device from here on, where that keeps films and has memory for one. False: they are the host's.
+  bool take_to_device();
+  /// Has them on the host, and no film on the device.
+  void leave_device();
+  void add_on_device(std::span<const WorkUnit> units, const RenderCounters &counters,
+                     const std::function<FilmFinds()> &add);
+  /// Copies the sums to the host where it costs little beside what rendering them again would.
+  void secure_on_host(double seconds);
+  /// Which samples pixels have: between passes.
+  PixelSets pixel_sets() const;
   void set_outcome(uint32_t tile_size, const gpurt_schedule &schedule, std::string reason);
   void add_render_seconds(double seconds);
 
   FrameScene scene_;
+  bool keeps_on_device_ = false;  // sums may be on the device; else what follows of that is not used
   // Pixels and their sample sets under their band's mutex, totals under totals_mutex_, the table under sets_mutex_;
   // the rest does not change.
-  FrameState state_;
+  mutable FrameState state_;
   Reservation memory_;
+  // In this order, and before those of the bands.
+  mutable std::mutex host_mutex_;    // of whoever looks at the host's arrays where sums may be on the device
+  mutable std::mutex device_mutex_;  // of what follows
+  mutable OnDevice on_device_;
+  mutable bool has_host_arrays_ =
+      false;  // else their memory is as it came: no pixel has a sample there; under host_mutex_
   mutable std::vector<std::mutex> bands_;
   mutable std::mutex sets_mutex_;
   mutable std::mutex totals_mutex_;
-  uint64_t generation_ = 0;                             // counts changes of the film; under totals_mutex_
+  mutable uint64_t generation_ = 0;                     // counts changes of the film; under totals_mutex_
   uint32_t last_tile_size_ = 0;                         // under totals_mutex_
   gpurt_schedule last_schedule_ = GPURT_SCHEDULE_INIT;  // under totals_mutex_
   std::string reason_;                                  // under totals_mutex_

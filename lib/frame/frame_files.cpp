@@ -105,6 +105,7 @@ void Frame::save(const std::string &path) const
   if (extension == ".exr") return save_exr(path);
   if (extension == ".gpurt") return save_state(path);
   if (extension != ".png") fail_invalid("{}: its extension is none of .exr, .png and .gpurt", path);
+  const std::unique_lock<std::mutex> lock = host_sums();
   write_png(path, state_.settings.width, state_.settings.height,
             [&](uint32_t y, float *rgb) { read_row(GPURT_OUTPUT_COLOR, y, rgb); });
 }
@@ -148,18 +149,20 @@ void Frame::save_exr(const std::string &path) const
       plane += n;
     }
   };
+  const std::unique_lock<std::mutex> lock = host_sums();
   write_exr(path, s.width, s.height, channels, attributes, fill);
 }
 
 void Frame::save_state(const std::string &path) const
 {
+  const std::unique_lock<std::mutex> host_lock = host_sums();
   FrameState header;
   header.settings = state_.settings;
   header.scene_hash = state_.scene_hash;
   header.camera = state_.camera;
   header.accel = state_.accel;
   header.triangle_test = state_.triangle_test;
-  header.totals = totals();
+  header.totals = host_totals();
   {
     const std::scoped_lock lock(band_mutex(0));
     header.film.outputs = state_.film.outputs;
@@ -238,6 +241,8 @@ void Frame::merge(Frame &other)
     fail_invalid("a job of the frame still runs; wait for it before merging into the frame");
   if (other.is_rendering())
     fail_invalid("a job of the other frame still runs; wait for it before merging that frame");
+  leave_device();
+  const std::unique_lock<std::mutex> others = other.host_sums();
   merge_state(other.state_, "the other frame");
 }
 
@@ -248,6 +253,7 @@ void Frame::load_state(const std::string &path)
     fail_invalid("a job of the frame still runs; wait for it before loading a state into the frame");
   const LoadedState loaded =
       read_state(path, scene_.memory, [&](const FrameState &header) { check_same_image(header, path); });
+  leave_device();
   merge_state(loaded.state, path);
 }
 

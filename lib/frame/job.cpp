@@ -210,11 +210,13 @@ void Job::run()
 
 std::vector<Region> Job::plan() const
 {
-  // Between passes nobody changes the film, so it is read without locks.
   const FrameState &state = frame_->state_;
-  const auto set_of = [&](uint32_t x, uint32_t y) { return state.sample_sets[frame_->pixel(x, y)]; };
-  std::vector<gpurt_tile> uniform;
-  for (const gpurt_tile &tile : cut_tiles(tiles_, desc_.tile_size)) split_uniform(tile, set_of, uniform);
+  const PixelSets sets = frame_->pixel_sets();
+  const auto set_of = [&](uint32_t x, uint32_t y) { return sets.of(frame_->pixel(x, y)); };
+  std::vector<gpurt_tile> uniform = cut_tiles(tiles_, desc_.tile_size);
+  if (!sets.has_one_set()) {
+    for (const gpurt_tile &tile : std::exchange(uniform, {})) split_uniform(tile, set_of, uniform);
+  }
   std::vector<Region> regions;
   for (const gpurt_tile &tile : uniform) {
     const uint32_t set = set_of(tile.x0, tile.y0);
@@ -236,6 +238,8 @@ void Job::render()
     photon_request_.emission = emission_.view();
     photon_request_.settings = frame_->photon_settings(photon_request_.emission);
   }
+  is_on_device_ = !has_photons() && frame_->take_to_device();
+  if (!is_on_device_) frame_->leave_device();
   regions_ = plan();
   uint64_t most = 0;
   for (const Region &r : regions_) most = std::max(most, r.num_samples);
@@ -332,6 +336,7 @@ bool Job::render_to(uint64_t num_samples)
     render_pass(units);
     const double seconds = steady_seconds() - before;
     frame_->add_render_seconds(seconds);
+    if (is_on_device_) frame_->secure_on_host(seconds);
     pass_seconds_ += seconds;
     if (done_ > done_before) last_seconds_per_path_ = seconds / double(done_ - done_before);
     // Passes of photon mapping are alike and short: one that was slow by chance must not end the job.
@@ -361,7 +366,29 @@ void Job::render_pass(std::span<const WorkUnit> units)
     num_delivered++;
     report_progress(uint64_t(unit.x1 - unit.x0) * (unit.y1 - unit.y0) * unit.num_samples);
   };
-  frame_->scene().committed->render(pass);
+  FilmOnDevice on_device;
+  if (is_on_device_) {
+    on_device.film = frame_->on_device_.film.get();
+    on_device.deliver = [&](std::span<const WorkUnit> done, const RenderCounters &counters,
+                            const std::function<FilmFinds()> &add) {
+      frame_->add_on_device(done, counters, add);
+      num_delivered += done.size();
+      uint64_t num_samples = 0;
+      for (const WorkUnit &u : done) num_samples += uint64_t(u.x1 - u.x0) * (u.y1 - u.y0) * u.num_samples;
+      report_progress(num_samples);
+    };
+    pass.on_device = &on_device;
+  }
+  try {
+    frame_->scene().committed->render(pass);
+  } catch (const Error &e) {
+    if (e.result() != GPURT_ERROR_OUT_OF_MEMORY || !is_on_device_ || num_delivered != 0) throw;
+    // Without the film there may be enough.
+    frame_->leave_device();
+    is_on_device_ = false;
+    pass.on_device = nullptr;
+    frame_->scene().committed->render(pass);
+  }
   if (const uint64_t n = frame_->totals().num_saturated) {
     fail(GPURT_ERROR_INTERNAL,
          "{} sums of the film left their range; the image is not valid: the scene's lights are too strong",

@@ -53,7 +53,8 @@ class Job {
   const std::vector<gpurt_tile> tiles_;
   ReyesSettings reyes_{};  // resolved; zero for other pipelines
   ReyesSchedule reyes_schedule_{};
-  Schedule schedule_;  // of rays
+  Schedule schedule_;          // of rays
+  bool is_on_device_ = false;  // the frame's sums are where it renders
   std::atomic<bool> cancelled_{false};
 
   // Of the job's thread.

@@ -4,20 +4,12 @@
 #include <cmath>
 #include <limits>
 
+#include "core/path/film_values.h"
 #include "frame/error_estimate.h"
 
 namespace gpurt {
 
 namespace {
-
-uint64_t num_finite(const PixelSums &p) { return uint64_t(p.num_samples[0]) + p.num_samples[1]; }
-
-FixedSum color_sum(const PixelSums &p, int channel)
-{
-  FixedSum sum = p.color[0][channel];
-  add(sum, p.color[1][channel]);
-  return sum;
-}
 
 // What pixels with statistics of their own gathered: their flux over the area of the last gather, a sample.
 double gathered_color(const SumRow &row, uint32_t x, int half, int channel)
@@ -27,18 +19,20 @@ double gathered_color(const SumRow &row, uint32_t x, int half, int channel)
   return s.radius2 > 0 ? s.sums[3 * half + channel] / s.radius2 : 0;
 }
 
-double color_of_half(const SumRow &row, uint32_t x, int half, int channel)
+GatheredColor gathered_colors(const SumRow &row, uint32_t x)
 {
-  const PixelSums &p = row.pixels[x];
-  return (to_double(p.color[half][channel]) + gathered_color(row, x, half, channel)) /
-         double(p.num_samples[half]);
+  GatheredColor gathered{};
+  if (row.statistics == nullptr) return gathered;
+  for (int h = 0; h < 2; ++h) {
+    for (int c = 0; c < 3; ++c) gathered.halves[h][c] = gathered_color(row, x, h, c);
+  }
+  return gathered;
 }
 
 double color_of(const SumRow &row, uint32_t x, int channel)
 {
-  const PixelSums &p = row.pixels[x];
-  const double gathered = gathered_color(row, x, 0, channel) + gathered_color(row, x, 1, channel);
-  return (to_double(color_sum(p, channel)) + gathered) / double(num_finite(p));
+  return color_of(row.pixels[x], channel,
+                  gathered_color(row, x, 0, channel) + gathered_color(row, x, 1, channel));
 }
 
 double bias_of(const SumRow &row, uint32_t x, int channel)
@@ -66,13 +60,6 @@ float error_of(const SumRow &row, uint32_t x, int channel)
   const double mean2 = to_double(e.corrected2[channel]) / double(error_square_scale) / n;
   const double variance = std::max(mean2 - corrected * corrected, 0.0) / (n - 1);
   return float(std::abs(bias) + student_quantile(n - 1) * std::sqrt(variance));
-}
-
-// Features are taken of every sample, also of those whose radiance was not finite.
-float mean_feature(const PixelSums &p, int64_t sum)
-{
-  const uint64_t taken = num_finite(p) + p.num_nonfinite;
-  return taken != 0 ? float(double(sum) * 0x1p-32 / double(taken)) : 0.0f;
 }
 
 }  // namespace
@@ -139,10 +126,10 @@ bool moments_of(const SumRow &row, uint32_t x, PixelMoments &out)
     out.bias2[c] = 0;
     out.is_first_larger[c] = false;
     if (!is_known) continue;
-    // With s^2 the variance of one sample, E (a - b)^2 = s^2 (1/na + 1/nb), and that of the mean of all is s^2 / n.
-    const double difference = color_of_half(row, x, 0, c) - color_of_half(row, x, 1, c);
+    const double difference = color_of_half(sums, 0, c, gathered_color(row, x, 0, c)) -
+                              color_of_half(sums, 1, c, gathered_color(row, x, 1, c));
     out.is_first_larger[c] = difference > 0;
-    out.variance[c] = float(difference * difference * (a_count / count) * (b_count / count));
+    out.variance[c] = variance_of_mean(sums, difference);
     if (row.errors == nullptr) continue;
     // The halves' noise is independent: that of one does not raise the expectation of the product.
     const PixelErrors &e = row.errors[x];
@@ -155,68 +142,31 @@ bool moments_of(const SumRow &row, uint32_t x, PixelMoments &out)
 
 void resolve_row(gpurt_output output, const SumRow &row, uint32_t width, void *out)
 {
-  auto *values = static_cast<float *>(out);
-  auto *ids = static_cast<uint32_t *>(out);
-  for (uint32_t x = 0; x < width; ++x) {
-    const PixelSums &p = row.pixels[x];
-    const uint64_t count = num_finite(p);
-    switch (output) {
-      case GPURT_OUTPUT_COLOR:
-        for (int c = 0; c < 3; ++c) *values++ = count ? float(color_of(row, x, c)) : 0.0f;
-        break;
-      case GPURT_OUTPUT_ALPHA:
-        *values++ = count ? float(double(p.num_covered) / double(count)) : 0.0f;
-        break;
-      case GPURT_OUTPUT_DEPTH:
-        *values++ = row.first_hits[x].is_set ? row.first_hits[x].depth : 0.0f;
-        break;
-      case GPURT_OUTPUT_NORMAL:
-        for (int c = 0; c < 3; ++c) *values++ = mean_feature(p, row.features[x].normal[c]);
-        break;
-      case GPURT_OUTPUT_ALBEDO:
-        for (int c = 0; c < 3; ++c) *values++ = mean_feature(p, row.features[x].albedo[c]);
-        break;
-      case GPURT_OUTPUT_POSITION: {
-        const Vec3f position = row.first_hits[x].position;  // 0 until it is set
-        *values++ = position.x;
-        *values++ = position.y;
-        *values++ = position.z;
-        break;
+  auto *values = static_cast<uint32_t *>(out);
+  if (output == GPURT_OUTPUT_BIAS || output == GPURT_OUTPUT_ERROR) {
+    for (uint32_t x = 0; x < width; ++x) {
+      const bool has_samples = num_finite(row.pixels[x]) != 0;
+      for (int c = 0; c < 3; ++c) {
+        const float value = !has_samples                  ? 0.0f
+                            : output == GPURT_OUTPUT_BIAS ? float(bias_of(row, x, c))
+                                                          : error_of(row, x, c);
+        *values++ = float_bits(value);
       }
-      case GPURT_OUTPUT_PRIMITIVE:
-        *ids++ = row.first_hits[x].is_set ? row.first_hits[x].primitive : GPURT_INVALID_ID;
-        break;
-      case GPURT_OUTPUT_INSTANCE:
-        *ids++ = row.first_hits[x].is_set ? row.first_hits[x].instance : GPURT_INVALID_ID;
-        break;
-      case GPURT_OUTPUT_SAMPLE_COUNT:
-        *ids++ = uint32_t(count);
-        break;
-      case GPURT_OUTPUT_VARIANCE: {
-        PixelMoments moments;
-        moments_of(row, x, moments);
-        for (float variance : moments.variance) *values++ = count ? variance : 0.0f;
-        break;
-      }
-      case GPURT_OUTPUT_BIAS:
-        for (int c = 0; c < 3; ++c) *values++ = count ? float(bias_of(row, x, c)) : 0.0f;
-        break;
-      case GPURT_OUTPUT_ERROR:
-        for (int c = 0; c < 3; ++c) *values++ = count ? error_of(row, x, c) : 0.0f;
-        break;
-      default:
-        GPURT_ASSERT(false);
     }
+    return;
+  }
+  const uint32_t n = num_components(output);
+  for (uint32_t x = 0; x < width; ++x, values += n) {
+    film_values(FilmOutput(output), row.pixels[x], row.features != nullptr ? row.features + x : nullptr,
+                row.first_hits != nullptr ? row.first_hits + x : nullptr, gathered_colors(row, x), values);
   }
 }
 
 uint32_t num_saturated_sums(const PixelSums &sums)
 {
-  // Half of the range: one more unit cannot wrap around what is still below it.
-  constexpr int64_t limit = int64_t(1) << 61;
   uint32_t n = 0;
   for (const auto &half : sums.color) {
-    for (const FixedSum &sum : half) n += sum.high >= limit || sum.high < -limit ? 1 : 0;
+    for (const FixedSum &sum : half) n += is_saturated(sum) ? 1 : 0;
   }
   return n;
 }

@@ -42,18 +42,26 @@ class ZeroedArray {
   /// `n` zeros. Throws std::bad_alloc.
   void reset(size_t n)
   {
+    reserve(n);
+    clear();
+  }
+  /// `n` values that are yet to be written. Throws std::bad_alloc.
+  void reserve(size_t n)
+  {
     if (n > ~size_t(0) / sizeof(T)) throw std::bad_alloc();
     const size_t bytes = n * sizeof(T);
-    if (bytes <= capacity_bytes_) {
-      if (n != 0) clear_memory(data_, bytes);
-    } else {
+    if (bytes > capacity_bytes_) {
       size_t capacity;
-      void *data = take_zeroed_memory(bytes, capacity);
+      void *data = take_memory(bytes, capacity);
       if (data_ != nullptr) give_memory_back(data_, capacity_bytes_);
       data_ = static_cast<T *>(data);
       capacity_bytes_ = capacity;
     }
     size_ = n;
+  }
+  void clear()
+  {
+    if (size_ != 0) clear_memory(data_, size_ * sizeof(T));
   }
 
   T *data() { return data_; }

@@ -4,6 +4,7 @@
 #include <mutex>
 #include <optional>
 
+#include "cuda/path/device_film.h"
 #include "cuda/path/group_film.h"
 #include "cuda/path/pool.h"
 #include "cuda/path/wave.h"
@@ -27,9 +28,10 @@ constexpr uint64_t min_group_paths = uint64_t(1) << 19;
 class PassRenderer {
  public:
   PassRenderer(const RenderPass &pass, const TraceScene &scene, const std::shared_ptr<DeviceMemory> &memory)
-      : pass_(pass), scene_(scene), memory_(memory)
+      : pass_(pass), scene_(scene), memory_(memory), device_film_(reserved_film(pass))
   {
     groups_ = make_groups(pass.units);
+    renders_in_place_ = device_film_ != nullptr && device_film_->takes_whole(groups_);
     for (const UnitGroup &g : groups_) {
       most_paths_ = std::max(most_paths_, g.num_paths());
       most_film_bytes_ = std::max(most_film_bytes_, GroupFilm(g.num_pixels(), pass.outputs).bytes());
@@ -96,7 +98,7 @@ class PassRenderer {
         if (pass_.schedule.generation == Generation::Refilled)
           work->pool.emplace(memory_, capacity, most_paths_, pass_.schedule, stream);
         else work->wave.emplace(memory_, capacity, pass_.schedule, stream);
-        work->film = {memory_, most_film_bytes_, "the film of a group of units"};
+        if (!renders_in_place_) work->film = {memory_, most_film_bytes_, "the film of a group of units"};
         ++num_workspaces_;
         return work;
       } catch (const Error &e) {
@@ -113,10 +115,11 @@ class PassRenderer {
     const WorkUnit &u = group.bounds;
     const uint32_t width = u.x1 - u.x0, height = u.y1 - u.y0;
     const GroupFilm layout(group.num_pixels(), pass_.outputs);
-    if (work.film.size() < layout.bytes())
+    if (!renders_in_place_ && work.film.size() < layout.bytes())
       work.film = {memory_, layout.bytes(), "the film of a group of units"};
-    check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
-    const FilmView film = layout.view(work.film.data(), width, height);
+    std::byte *const data = renders_in_place_ ? device_film_->data() : work.film.data();
+    check(cudaMemsetAsync(data, 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
+    const FilmView film = layout.view(data, width, height);
     WaveCounters counters;
     const uint64_t num_paths = group.num_paths();
     for (uint64_t first = 0; first < num_paths; first += work.capacity()) {
@@ -131,16 +134,14 @@ class PassRenderer {
                     : render(*work.wave, [](auto &&...arguments) { return render_wave(arguments...); });
       if (!is_done) return;
     }
-    std::byte *host = static_cast<std::byte *>(lane.to_host.reserve(layout.bytes()));
-    check(cudaMemcpyAsync(host, work.film.data(), layout.bytes(), cudaMemcpyDeviceToHost, lane.stream()),
-          "cudaMemcpyAsync");
-    lane.synchronize();
-    deliver(pass_, group, layout.view(host, width, height), counters_from(counters));
+    hand_over(pass_, group, data, lane, counters_from(counters), true);
   }
 
   const RenderPass &pass_;
   const TraceScene &scene_;
   const std::shared_ptr<DeviceMemory> &memory_;
+  CudaFilm *const device_film_;    // null: units go to the host
+  bool renders_in_place_ = false;  // in the memory of that film
   std::mutex groups_mutex_;
   std::vector<UnitGroup> groups_;
   size_t next_group_ = 0;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "cuda/path/device_film.h"
 #include "cuda/path/group_film.h"
 #include "cuda/path/render.h"
 #include "cuda/path/wave.h"
@@ -38,6 +39,7 @@ class ReyesRenderer {
         scene_(scene),
         reyes_(reyes),
         memory_(memory),
+        device_film_(reserved_film(pass)),
         needs_rays_(pass.reyes->no_shadows == 0 || reyes.has_found_light || pass.reyes->lights_by_rays != 0)
   {}
 
@@ -58,7 +60,7 @@ class ReyesRenderer {
     std::optional<LitPoints> points;
     std::optional<WaveMemory> wave;
     DeviceBuffer<std::byte> film;
-    uint64_t film_bytes = 0;
+    bool renders_in_place = false;  // in the memory of the frame's film
   };
 
   bool is_cancelled() const
@@ -104,14 +106,14 @@ class ReyesRenderer {
     auto work = std::make_unique<Workspace>();
     const uint64_t most_samples = reyes_.has_blending ? max_blended_samples : max_group_samples;
     work->groups = make_groups(std::max(most_samples >> level, min_group_samples), max_group_pixels >> level);
-    uint64_t num_samples = 1, num_cells = 1, most_samples_per_pixel = 1;
+    uint64_t num_samples = 1, num_cells = 1, most_samples_per_pixel = 1, film_bytes = 0;
     for (const UnitGroup &g : work->groups)
       most_samples_per_pixel = std::max(most_samples_per_pixel, g.bounds.num_samples);
     const bool has_masks = VisibleSamples::suits_masks(reyes_, *pass_.reyes, most_samples_per_pixel);
     for (const UnitGroup &g : work->groups) {
       num_samples = std::max(num_samples, g.num_paths());
       num_cells = std::max(num_cells, VisibleSamples::cells_of(g.bounds, *pass_.reyes, has_masks));
-      work->film_bytes = std::max(work->film_bytes, GroupFilm(g.num_pixels(), pass_.outputs).bytes());
+      film_bytes = std::max(film_bytes, GroupFilm(g.num_pixels(), pass_.outputs).bytes());
     }
     work->samples.emplace(
         memory_, reyes_, *pass_.reyes, pass_.reyes_schedule,
@@ -125,7 +127,8 @@ class ReyesRenderer {
     if (needs_rays_)
       work->wave.emplace(memory_, uint32_t(std::min<uint64_t>(num_samples, wave_paths)), pass_.schedule,
                          lane.stream());
-    work->film = {memory_, work->film_bytes, "the film of a group of units"};
+    work->renders_in_place = device_film_ != nullptr && device_film_->takes_whole(work->groups);
+    if (!work->renders_in_place) work->film = {memory_, film_bytes, "the film of a group of units"};
     return work;
   }
 
@@ -136,15 +139,15 @@ class ReyesRenderer {
     VisibleSamples &samples = *work.samples;
     RenderCounters counters;
     const GroupFilm layout(group.num_pixels(), pass_.outputs);
-    const FilmView film = layout.view(work.film.data(), u.x1 - u.x0, u.y1 - u.y0);
+    std::byte *const data = work.renders_in_place ? device_film_->data() : work.film.data();
+    const FilmView film = layout.view(data, u.x1 - u.x0, u.y1 - u.y0);
     if (!samples.find(u, pass_.settings, film, pass_.cancelled, lane.stream(), lane.stream_beside(),
                       counters.reyes))
       return false;
 
     // Where samples have light of their own every pixel is written.
     const bool has_light = keeps_own_light(*pass_.reyes);
-    if (!has_light)
-      check(cudaMemsetAsync(work.film.data(), 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
+    if (!has_light) check(cudaMemsetAsync(data, 0, layout.bytes(), lane.stream()), "cudaMemsetAsync");
     WaveCounters wave_counters;
     if (work.blended) {
       if (!blend(group, work, film, lane, counters.reyes, wave_counters)) return false;
@@ -156,9 +159,6 @@ class ReyesRenderer {
       // The film has it.
     } else if (!needs_rays_) samples.shade_at_once(pass_.settings, film, lane.stream());
     else if (!shade_with_rays(group, work, film, lane, wave_counters)) return false;
-    auto *host = static_cast<std::byte *>(lane.to_host.reserve(work.film_bytes));
-    check(cudaMemcpyAsync(host, work.film.data(), layout.bytes(), cudaMemcpyDeviceToHost, lane.stream()),
-          "cudaMemcpyAsync");
     lane.synchronize();
     const ReyesCounters found = counters.reyes;
     counters = counters_from(wave_counters);
@@ -166,7 +166,7 @@ class ReyesRenderer {
     samples.collect(lane.stream(), counters);
     counters.reyes.working_bytes = samples.bytes() + (work.blended ? work.blended->bytes() : 0) +
                                    (work.points ? work.points->bytes() : 0);
-    deliver(pass_, group, layout.view(host, u.x1 - u.x0, u.y1 - u.y0), counters, false);
+    hand_over(pass_, group, data, lane, counters, false);
     return true;
   }
 
@@ -224,6 +224,7 @@ class ReyesRenderer {
   const TraceScene &scene_;
   const ReyesDeviceScene &reyes_;
   const std::shared_ptr<DeviceMemory> &memory_;
+  CudaFilm *const device_film_;  // null: units go to the host
   const bool needs_rays_;
 };
 
