@@ -357,6 +357,53 @@ TEST_P(Reyes, BlendsASurfaceOnce)
   }
 }
 
+// What lies behind a wall leaves no trace in the image, and CPU devices do not dice it, in whatever order it was added. As near as
+// the wall it counts.
+TEST_P(Reyes, LeavesOutWhatIsHidden)
+{
+  const bool is_cpu = GetParam() == GPURT_DEVICE_CPU;
+  const PatchNet wall = flat_patch({-3, -3, 0}, {6, 0, 0}, {0, 6, 0});
+  std::vector<PatchNet> behind = closed_patches(2, 0.2, 4), same = {wall};
+  for (PatchNet &net : behind) {
+    for (Point &p : net) p[2] -= 2;
+  }
+  RenderOptions o = reyes_options(64, 9);
+  std::vector<float> wall_alone;
+  uint64_t num_alone = 0;
+  for (const auto &nets : {std::vector<PatchNet>{}, behind, same}) {
+    for (const bool wall_first : {true, false}) {
+      Device device = make_device(GetParam(), 1);
+      Scene scene;
+      GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
+      const uint32_t red = add_material(scene, GPURT_MATERIAL_LAMBERT, {0.9f, 0.1f, 0.1f}),
+                     blue = add_material(scene, GPURT_MATERIAL_LAMBERT, {0.1f, 0.1f, 0.9f});
+      if (wall_first) add_patches(scene, {wall}, red);
+      if (!nets.empty()) add_patches(scene, nets, blue);
+      if (!wall_first) add_patches(scene, {wall}, red);
+      set_environment(scene, 1);
+      add_camera(scene, {0, 0, 3}, 0.8f);
+      coarse_commit(scene);
+      Frame frame = make_frame(scene, o);
+      render(frame, o);
+      const std::vector<float> color = read_color(frame, o);
+      const uint64_t num = statistics_of(frame).reyes_counters.num_micropolygons;
+      if (nets.empty()) {
+        wall_alone = color;
+        num_alone = num;
+        EXPECT_GT(num_alone, 10000u);
+      } else if (nets.size() > 1) {
+        EXPECT_EQ(color, wall_alone);
+        if (is_cpu) EXPECT_EQ(num, num_alone);
+        else EXPECT_GT(num, num_alone);
+      } else {
+        // Of two walls in one place both are looked at, and the one that was added first is seen.
+        EXPECT_EQ(num, 2 * num_alone);
+        EXPECT_EQ(color == wall_alone, wall_first);
+      }
+    }
+  }
+}
+
 // Isolines turn back at outlines, where they are short on the image: segments of the length that is aimed for elsewhere would
 // cut the turns off, here by a sixth of a pixel.
 TEST_P(Reyes, CoversTheTurnsAtOutlines)

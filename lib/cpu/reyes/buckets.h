@@ -1,4 +1,4 @@
-// Which roots a bucket of the image has to look at: lists of ids in ascending order, found once for a pass.
+// Which roots a bucket of the image has to look at: lists of ids, the nearest first where memory allows, found once for a pass.
 #pragma once
 
 #include <span>
@@ -23,9 +23,10 @@ class RootBuckets {
   uint64_t largest() const { return largest_; }
 
  private:
+  struct Bounds;
   template <class Visit>
   void for_each_cell(const ReyesScene &scene, const ReyesKernels &kernels, const Camera &camera, int reach,
-                     const Visit &visit) const;
+                     Bounds &bounds, const Visit &visit) const;
 
   uint32_t cell_edge_, cells_x_ = 0, cells_y_ = 0;
   bool has_lists_ = false;

@@ -36,7 +36,8 @@ GPURT_INLINE U reversed_lanes(U x)
 {
 #if GPURT_HAS_AVX2_LANES
   // Bytes, then the halves of each by tables.
-  constexpr char low[16] = {0, char(0x80), 0x40, char(0xc0), 0x20, char(0xa0), 0x60, char(0xe0), 0x10, char(0x90), 0x50, char(0xd0), 0x30, char(0xb0), 0x70, char(0xf0)};
+  constexpr char low[16] = {0,    char(0x80), 0x40, char(0xc0), 0x20, char(0xa0), 0x60, char(0xe0),
+                            0x10, char(0x90), 0x50, char(0xd0), 0x30, char(0xb0), 0x70, char(0xf0)};
   const __m128i of_bytes = _mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12),
                 of_low = _mm_loadu_si128(reinterpret_cast<const __m128i *>(low)),
                 of_high = _mm_and_si128(_mm_srli_epi16(of_low, 4), _mm_set1_epi8(15));
@@ -44,10 +45,9 @@ GPURT_INLINE U reversed_lanes(U x)
   if constexpr (sizeof(U) == 64) {
     const __m512i half = _mm512_set1_epi8(15),
                   v = _mm512_shuffle_epi8((__m512i)x, _mm512_broadcast_i32x4(of_bytes));
-    return (U)_mm512_or_si512(
-        _mm512_shuffle_epi8(_mm512_broadcast_i32x4(of_low), _mm512_and_si512(v, half)),
-        _mm512_shuffle_epi8(_mm512_broadcast_i32x4(of_high),
-                            _mm512_and_si512(_mm512_srli_epi16(v, 4), half)));
+    return (U)_mm512_or_si512(_mm512_shuffle_epi8(_mm512_broadcast_i32x4(of_low), _mm512_and_si512(v, half)),
+                              _mm512_shuffle_epi8(_mm512_broadcast_i32x4(of_high),
+                                                  _mm512_and_si512(_mm512_srli_epi16(v, 4), half)));
   }
 #endif
   if constexpr (sizeof(U) == 32) {
@@ -94,8 +94,7 @@ GPURT_INLINE void sample_2d_bits(U low, U high, uint32_t reversed_index, U &x, U
 {
   const U index = reversed_lanes(scramble_reversed_lanes(U{} + reversed_index, low));
   x = reversed_lanes(scramble_reversed_lanes(index, high));
-  y = reversed_lanes(
-      scramble_reversed_lanes(sobol_second_reversed_lanes(index), (low ^ high) * 0x9e3779b1u));
+  y = reversed_lanes(scramble_reversed_lanes(sobol_second_reversed_lanes(index), (low ^ high) * 0x9e3779b1u));
 }
 
 template <class U>

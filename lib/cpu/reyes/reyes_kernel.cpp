@@ -30,7 +30,63 @@ bool box_of_points(const float *x, const float *y, const float *w, int n, const 
   return true;
 }
 
-void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, uint32_t n, RasterBox *boxes)
+float least_of(const float *w, int n)
+{
+  float least = w[0];
+  for (int i = 1; i < n; ++i) least = min(least, w[i]);
+  return least;
+}
+
+// Where the image shows a piece, and how near it is at the most.
+struct PieceBounds {
+  RasterRect box;  // raster units
+  float z;         // 1 / w
+};
+
+// Of the hull of n points before the eye, with its vertices' rounding; arrays have room for whole lanes. False: it reaches to the
+// eye, or far beside the image.
+bool bounds_of_points(float *x, float *y, float *w, uint32_t n, RasterPoint largest,
+                      const RasterProjection &projection, PieceBounds &bounds)
+{
+  for (; n % num_lanes != 0; ++n) {
+    x[n] = x[0];
+    y[n] = y[0];
+    w[n] = w[0];
+  }
+  FloatLanes low_x = lanes(infinity), low_y = low_x, low_w = low_x, high_x = -low_x, high_y = -low_x;
+  for (uint32_t i = 0; i < n; i += num_lanes) {
+    const FloatLanes pw = load_lanes(w + i), inv_w = 1.0f / pw, px = load_lanes(x + i) * inv_w,
+                     py = load_lanes(y + i) * inv_w;
+    low_x = min(low_x, px);
+    low_y = min(low_y, py);
+    low_w = min(low_w, pw);
+    high_x = max(high_x, px);
+    high_y = max(high_y, py);
+  }
+  float x0 = low_x[0], y0 = low_y[0], x1 = high_x[0], y1 = high_y[0], least = low_w[0];
+  for (uint32_t i = 1; i < num_lanes; ++i) {
+    x0 = min(x0, low_x[i]);
+    y0 = min(y0, low_y[i]);
+    x1 = max(x1, high_x[i]);
+    y1 = max(y1, high_y[i]);
+    least = min(least, low_w[i]);
+  }
+  const float least_w = least - raster_error * largest.w;
+  if (!(least_w >= smallest_w)) return false;
+  const float far = 0.5f * guard_band;
+  if (!(x0 >= -far && y0 >= -far && x1 <= far && y1 <= far)) return false;
+  const float margin_x = 1.0f + raster_error * (largest.x + far * largest.w) / least_w,
+              margin_y = 1.0f + raster_error * (largest.y + far * largest.w) / least_w;
+  const auto unit = [](float p, float centre) { return p * units_per_pixel + centre; };
+  bounds.box = {unit(x0 - margin_x, projection.centre_x), unit(y0 - margin_y, projection.centre_y),
+                unit(x1 + margin_x, projection.centre_x), unit(y1 + margin_y, projection.centre_y)};
+  // A sample's 1 / w is a mean of its triangle's corners', of which each and the sum are rounded a few times.
+  bounds.z = (1.0f / least_w) * (1.0f + 0x1p-20f);
+  return true;
+}
+
+void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, uint32_t n, RasterBox *boxes,
+                 float *least_w)
 {
   const RasterProjection projection = raster_projection(camera);
   uint32_t r = 0;
@@ -49,6 +105,7 @@ void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, 
       RasterPatch patch;
       transform_patch(scene, projection, range, primitive, patch);
       is_seen = box_of_points(patch.x, patch.y, patch.w, 16, camera, boxes[i]);
+      least_w[i] = least_of(patch.w, 16);
     } else {
       RasterPoint p[3];
       transform_triangle(scene, projection, range,
@@ -56,6 +113,7 @@ void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, 
       const float x[3] = {p[0].x, p[1].x, p[2].x}, y[3] = {p[0].y, p[1].y, p[2].y},
                   w[3] = {p[0].w, p[1].w, p[2].w};
       is_seen = box_of_points(x, y, w, 3, camera, boxes[i]);
+      least_w[i] = least_of(w, 3);
     }
     if (!is_seen) boxes[i] = {0, 0, -1, -1};
   }
@@ -99,9 +157,16 @@ class PatchPipeline {
         counters_.num_culled++;
         continue;
       }
+      PieceBounds bounds;
+      const bool is_bounded = bound_piece(patch, part, piece, largest, bounds);
+      if (is_bounded && sampler_.hides(bounds.box, bounds.z)) {
+        counters_.num_culled++;
+        continue;
+      }
       const PieceAction action = decide_piece(patch, part, dice_, piece);
       if (action == PieceAction::Dice) {
         dice(patch, piece, root, material);
+        if (is_bounded) sampler_.touch(bounds.box);
         continue;
       }
       Piece parts[4];
@@ -120,6 +185,26 @@ class PatchPipeline {
   }
 
  private:
+  // By its control points, and by corners that were moved out of its range.
+  bool bound_piece(const RasterPatch &patch, const RasterPatch &part, const Piece &p, RasterPoint largest,
+                   PieceBounds &bounds) const
+  {
+    float x[24], y[24], w[24];
+    __builtin_memcpy(x, part.x, sizeof part.x);
+    __builtin_memcpy(y, part.y, sizeof part.y);
+    __builtin_memcpy(w, part.w, sizeof part.w);
+    uint32_t n = 16;
+    for (uint32_t k = 0; k < 4; ++k) {
+      const uint32_t u = k & 1 ? p.u + (1u << p.u_bits) : p.u, v = k & 2 ? p.v + (1u << p.v_bits) : p.v;
+      if (p.corner_u[k] == u && p.corner_v[k] == v) continue;
+      const RasterPoint q = patch_point(patch, p.corner_u[k], p.corner_v[k]);
+      x[n] = q.x;
+      y[n] = q.y;
+      w[n++] = q.w;
+    }
+    return bounds_of_points(x, y, w, n, largest, projection_, bounds);
+  }
+
   void dice(const RasterPatch &patch, const Piece &piece, uint32_t root, const Material &material)
   {
     charge(counters_.split_seconds);
@@ -172,18 +257,15 @@ void put_roots(const ReyesScene &scene, const PathSettings &settings, const Reye
   uint32_t r = 0;
   for (uint64_t i = 0; i < bucket.num_roots; ++i) {
     const uint32_t root = bucket.roots != nullptr ? bucket.roots[i] : uint32_t(i);
-    if (scene.ranges[r + 1].first_root <= root) {
-      ++r;
-      // Far away: search.
-      if (scene.ranges[r + 1].first_root <= root) {
-        uint32_t lo = r, hi = scene.num_ranges;
-        while (hi - lo > 1) {
-          const uint32_t mid = lo + (hi - lo) / 2;
-          if (scene.ranges[mid].first_root <= root) lo = mid;
-          else hi = mid;
-        }
-        r = lo;
+    // Roots come in any order; many have their neighbours' range.
+    if (root < scene.ranges[r].first_root || scene.ranges[r + 1].first_root <= root) {
+      uint32_t lo = 0, hi = scene.num_ranges;
+      while (hi - lo > 1) {
+        const uint32_t mid = lo + (hi - lo) / 2;
+        if (scene.ranges[mid].first_root <= root) lo = mid;
+        else hi = mid;
       }
+      r = lo;
     }
     const RootRange &range = scene.ranges[r];
     if (scene.scene.has_blending) {

@@ -18,7 +18,7 @@ struct WideKernels;
 struct ReyesBucket {
   uint32_t x0, y0, x1, y1;
   uint64_t first_sample, num_samples;
-  const uint32_t *roots;  // what may be seen there, in ascending order; null: all roots of the scene
+  const uint32_t *roots;  // what may be seen there; null: all roots of the scene
   uint64_t num_roots;
   bool has_found_light;     // lamps or an environment: light that rays from surfaces may meet
   bool lights_by_rays;      // micropolygons' own light is found after visibility; see ray_light.h
@@ -80,8 +80,9 @@ struct ReyesKernelCounters {
 constexpr uint64_t largest_cells(uint64_t bucket_edge) { return 4 * (bucket_edge + 8) * (bucket_edge + 8); }
 
 struct ReyesKernels {
-  /// Bounds of roots first .. first + n - 1 on the image; empty boxes have x0 > x1.
-  void (*bound)(const ReyesScene &scene, const Camera &camera, uint64_t first, uint32_t n, RasterBox *boxes);
+  /// Bounds of roots first .. first + n - 1 on the image, and how near to the eye their points are; empty boxes have x0 > x1.
+  void (*bound)(const ReyesScene &scene, const Camera &camera, uint64_t first, uint32_t n, RasterBox *boxes,
+                float *least_w);
   /// Finds what every sample of the bucket sees.
   void (*find_visible)(const ReyesScene &scene, const PathSettings &settings, const ReyesSettings &reyes,
                        const ReyesBucket &bucket, const ReyesMemory &memory, double (*seconds)(),

@@ -5,6 +5,7 @@
 #include "core/reyes/lit_point.h"
 #include "core/reyes/sample.h"
 #include "core/scene/surface.h"
+#include "cpu/reyes/depth_tiles.h"
 #include "cpu/reyes/fragments.h"
 #include "cpu/reyes/grid_light.h"
 #include "cpu/reyes/tiny_quads.h"
@@ -28,6 +29,7 @@ class BlockSampler {
         scene_(scene),
         projection_(projection),
         block_(block),
+        tiles_(block),
         origin_x_(float(block.origin_x)),
         origin_y_(float(block.origin_y)),
         has_masks_(scene.scene.has_alpha_masks != 0),
@@ -38,6 +40,17 @@ class BlockSampler {
   {
     root_ = root;
     largest_ = largest;
+  }
+
+  // Whether samples see something nearer than what lies within a box of the image, in raster units, and has 1 / w of z at most.
+  bool hides(const RasterRect &box, float z)
+  {
+    return tiles_.hides(box.x0 - origin_x_, box.y0 - origin_y_, box.x1 - origin_x_, box.y1 - origin_y_, z);
+  }
+  // A grid within the box has been sampled.
+  void touch(const RasterRect &box)
+  {
+    tiles_.touch(box.x0 - origin_x_, box.y0 - origin_y_, box.x1 - origin_x_, box.y1 - origin_y_);
   }
 
   // `light`: null, or what samples keep of the grid's micropolygons in place of the root. `middles`: null, or what they keep
@@ -316,6 +329,7 @@ class BlockSampler {
   const ReyesScene &scene_;
   const RasterProjection &projection_;
   const SampleBlock block_;
+  DepthTiles tiles_;
   const float origin_x_, origin_y_;
   const bool has_masks_, has_own_light_;
   uint32_t root_ = invalid_id;
