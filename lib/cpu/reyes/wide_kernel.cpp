@@ -10,11 +10,12 @@ namespace gpurt {
 GPURT_FUNCTIONS_BEGIN
 namespace {
 
-// Of a micropolygon: what its samples keep.
-struct KeptQuad {
-  uint32_t i, j;
-  uint32_t root;  // or its light
-  Vec2f middle;
+// What samples keep of a micropolygon, beside 1 / w.
+enum class Kept { Places, Middles, Light };
+
+// Micropolygon (i, j), whose first vertex is a of the grid.
+struct QuadPlace {
+  uint32_t i, j, a;
 };
 
 // Samples low .. low + 7 and high .. high + 7.
@@ -22,8 +23,8 @@ struct TwoRuns {
   uint32_t low, high;
 };
 
-__attribute__((noinline)) void take_one_by_one(const WideGrid &w, const KeptQuad &quad, TwoRuns runs,
-                                               __m512 z, __m512 u, __m512 v, uint32_t taken)
+__attribute__((noinline)) void take_one_by_one(const WideGrid &w, uint32_t i, uint32_t j, uint32_t low,
+                                               uint32_t high, __m512 z, __m512 u, __m512 v, uint32_t taken)
 {
   alignas(64) float of_z[num_wide_lanes], of_u[num_wide_lanes], of_v[num_wide_lanes];
   _mm512_store_ps(of_z, z);
@@ -31,62 +32,62 @@ __attribute__((noinline)) void take_one_by_one(const WideGrid &w, const KeptQuad
   _mm512_store_ps(of_v, v);
   for (; taken != 0; taken &= taken - 1) {
     const uint32_t k = uint32_t(__builtin_ctz(taken));
-    const uint32_t slot = k < num_lanes ? runs.low + k : runs.high + (k - num_lanes);
-    if (of_z[k] > 0.0f) w.take(w.sampler, quad.i, quad.j, slot, of_z[k], of_u[k], of_v[k]);
+    const uint32_t slot = k < num_lanes ? low + k : high + (k - num_lanes);
+    if (of_z[k] > 0.0f) w.take(w.sampler, i, j, slot, of_z[k], of_u[k], of_v[k]);
   }
 }
 
 // Those samples that are nearer than what they have, and those that are as near.
-template <bool has_light>
-GPURT_INLINE void take(const WideGrid &w, const SampleBlock &block, const KeptQuad &quad, uint32_t a,
-                       bool is_swapped, TwoRuns runs, const WideCover &cover, uint32_t nearer, uint32_t equal,
+template <Kept kept>
+GPURT_INLINE void take(const WideGrid &w, const SampleBlock &block, QuadPlace quad, bool is_swapped,
+                       TwoRuns runs, const WideCover &cover, uint32_t nearer, uint32_t equal,
                        uint64_t &num_fragments)
 {
   const auto store = [&](float *to, __m512 v) {
     _mm256_mask_storeu_ps(to + runs.low, __mmask8(nearer), _mm512_castps512_ps256(v));
     _mm256_mask_storeu_ps(to + runs.high, __mmask8(nearer >> 8), _mm512_extractf32x8_ps(v, 1));
   };
-  const auto store_nearer = [&] {
-    const __m256i root = _mm256_set1_epi32(int(quad.root));
+  const auto store_nearer = [&](uint32_t root) {
+    const __m256i roots = _mm256_set1_epi32(int(root));
     store(block.z, cover.z);
-    _mm256_mask_storeu_epi32(block.root + runs.low, __mmask8(nearer), root);
-    _mm256_mask_storeu_epi32(block.root + runs.high, __mmask8(nearer >> 8), root);
+    _mm256_mask_storeu_epi32(block.root + runs.low, __mmask8(nearer), roots);
+    _mm256_mask_storeu_epi32(block.root + runs.high, __mmask8(nearer >> 8), roots);
     num_fragments += uint32_t(__builtin_popcount(nearer));
   };
   __m512 u = cover.z, v = cover.z;
-  if (has_light) {
+  if (kept == Kept::Light) {
     // Without a branch, which would often be mistaken.
-    store_nearer();
+    store_nearer(light_of(*w.light, quad.i, quad.j));
   } else {
     if ((nearer | equal) == 0) return;
-    cover_uv(cover, is_swapped, w.grid, a, u, v);
+    cover_uv(cover, is_swapped, w.grid, quad.a, u, v);
     if (w.takes_all) {
-      store_nearer();
-      store(block.u, w.middles != nullptr ? wide(quad.middle.x) : u);
-      store(block.v, w.middles != nullptr ? wide(quad.middle.y) : v);
+      store_nearer(w.root);
+      const Vec2f middle = kept == Kept::Middles ? middle_of(*w.middles, quad.i, quad.j) : Vec2f{0.0f, 0.0f};
+      store(block.u, kept == Kept::Middles ? wide(middle.x) : u);
+      store(block.v, kept == Kept::Middles ? wide(middle.y) : v);
     } else {
       equal |= nearer;
     }
   }
-  if (equal != 0) take_one_by_one(w, quad, runs, cover.z, u, v, equal);
+  if (equal != 0) take_one_by_one(w, quad.i, quad.j, runs.low, runs.high, cover.z, u, v, equal);
 }
 
-// Micropolygon k of sixteen, whose first vertex is a of the grid.
-template <bool has_light>
-GPURT_INLINE void sample_quad(const WideGrid &w, const SampleBlock &block, const WideQuads &q, uint32_t k,
-                              uint32_t a, const KeptQuad &quad, uint64_t &num_fragments)
+// Micropolygon quad.i of sixteen.
+template <Kept kept>
+GPURT_INLINE void sample_quad(const WideGrid &w, const SampleBlock &block, const WideQuads &q, QuadPlace quad,
+                              uint64_t &num_fragments)
 {
-  const uint32_t cells_x = uint32_t(block.cells_x);
+  const uint32_t k = quad.i, cells_x = uint32_t(block.cells_x);
   const bool is_swapped = (q.is_swapped >> k & 1) != 0;
   const uint32_t *from = block.first + q.from[k], *to = block.first + q.to[k];
   for (uint32_t rows = q.num_rows[k];;) {
-    uint32_t low = *from, low_end = *to, high = low, high_end = low;
-    if (rows > 1) {
-      high = from[cells_x];
-      high_end = to[cells_x];
-    }
+    // Of a row without a second one nothing is taken twice. No branch: as often as not there is one.
+    const uint32_t step = rows > 1 ? cells_x : 0, has_two = 0u - uint32_t(rows > 1);
+    uint32_t low = *from, num_left_low = *to - low, high = from[step],
+             num_left_high = (to[step] - high) & has_two;
     for (;;) {
-      const uint32_t num_low = min(low_end - low, num_lanes), num_high = min(high_end - high, num_lanes);
+      const uint32_t num_low = min(num_left_low, num_lanes), num_high = min(num_left_high, num_lanes);
       // Always whole lanes: what lies behind the runs is computed and not taken.
       const uint32_t are_there = ((1u << num_low) - 1) | ((1u << num_high) - 1) << num_lanes;
       const WideCover cover =
@@ -95,10 +96,12 @@ GPURT_INLINE void sample_quad(const WideGrid &w, const SampleBlock &block, const
       const __mmask16 covered = _kand_mask16(cover.is_covered, __mmask16(are_there));
       const uint32_t nearer = _mm512_mask_cmp_ps_mask(covered, cover.z, old_z, _CMP_GT_OQ),
                      equal = _mm512_mask_cmp_ps_mask(covered, cover.z, old_z, _CMP_EQ_OQ);
-      take<has_light>(w, block, quad, a, is_swapped, {low, high}, cover, nearer, equal, num_fragments);
+      take<kept>(w, block, quad, is_swapped, {low, high}, cover, nearer, equal, num_fragments);
+      if (num_left_low <= num_lanes && num_left_high <= num_lanes) break;
       low += num_low;
+      num_left_low -= num_low;
       high += num_high;
-      if ((low == low_end) & (high == high_end)) break;
+      num_left_high -= num_high;
     }
     if (rows <= 2) return;
     rows -= 2;
@@ -107,7 +110,7 @@ GPURT_INLINE void sample_quad(const WideGrid &w, const SampleBlock &block, const
   }
 }
 
-template <bool has_light>
+template <Kept kept>
 uint64_t sample_rows(const WideGrid &w)
 {
   const Grid &grid = w.grid;
@@ -124,10 +127,7 @@ uint64_t sample_rows(const WideGrid &w)
     for (uint32_t turn = 0; turn < 4; ++turn) {
       for (uint32_t left = plain & (0x1111u << turn); left != 0; left &= left - 1) {
         const uint32_t i = uint32_t(__builtin_ctz(left));
-        KeptQuad quad{i, j, w.root, {0.0f, 0.0f}};
-        if (has_light) quad.root = light_of(*w.light, i, j);
-        else if (w.middles != nullptr) quad.middle = middle_of(*w.middles, i, j);
-        sample_quad<has_light>(w, block, quads, i, j * width + i, quad, num_fragments);
+        sample_quad<kept>(w, block, quads, {i, j, j * width + i}, num_fragments);
       }
     }
   }
@@ -136,7 +136,8 @@ uint64_t sample_rows(const WideGrid &w)
 
 uint64_t sample_grid(const WideGrid &w)
 {
-  return w.light != nullptr ? sample_rows<true>(w) : sample_rows<false>(w);
+  if (w.light != nullptr) return sample_rows<Kept::Light>(w);
+  return w.middles != nullptr ? sample_rows<Kept::Middles>(w) : sample_rows<Kept::Places>(w);
 }
 
 void place_wide_rows(const PlacedRows &rows) { place_rows<UintLanes16>(rows); }
