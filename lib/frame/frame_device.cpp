@@ -11,10 +11,11 @@ namespace gpurt {
 
 namespace {
 
-// Sums go to the host once rendering them took so many times as long as copying them does: losing them costs little more than
-// that, and so do the copies.
-constexpr double securing_share = 10;
+// Sums go to the host once rendering them took so many times as long as copying them does: losing them costs some tenths of a
+// second for large frames, and the copies little beside what is rendered meanwhile. Small ones go at once.
+constexpr double securing_share = 30;
 constexpr double copied_bytes_per_second = 1e10;  // into memory that is not page-locked
+constexpr uint64_t small_bytes = uint64_t(1) << 20;
 
 }  // namespace
 
@@ -178,8 +179,9 @@ void Frame::secure_on_host(double seconds)
   const std::scoped_lock lock(device_mutex_);
   if (!on_device_.is_newer) return;
   on_device_.newer_seconds += seconds;
-  if (host_lock &&
-      on_device_.newer_seconds * copied_bytes_per_second >= securing_share * double(state_.film.bytes()))
+  const uint64_t bytes = state_.film.bytes();
+  if (host_lock && (bytes <= small_bytes ||
+                    on_device_.newer_seconds * copied_bytes_per_second >= securing_share * double(bytes)))
     bring_to_host();
 }
 

@@ -378,6 +378,8 @@ void Job::render_pass(std::span<const WorkUnit> units)
       report_progress(num_samples);
     };
     pass.on_device = &on_device;
+    // Without what a job of photons that rendered nothing may have added.
+    pass.outputs = frame_->settings().outputs;
   }
   try {
     frame_->scene().committed->render(pass);
@@ -387,6 +389,7 @@ void Job::render_pass(std::span<const WorkUnit> units)
     frame_->leave_device();
     is_on_device_ = false;
     pass.on_device = nullptr;
+    pass.outputs = frame_->state_.film.outputs;
     frame_->scene().committed->render(pass);
   }
   if (const uint64_t n = frame_->totals().num_saturated) {
