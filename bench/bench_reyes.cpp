@@ -9,9 +9,9 @@
 // Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here; with an alpha below 1 the ball blends.
 // Of a scene, alpha and rough-metal change all materials, and copies places every model of more than one patch K times
 // (scene_variant.h). Each frame is a new one; the first of a case is not counted. Times of stages are medians of what the device
-// spent; "visible_ms" is their sum up to what every sample sees, "device_ms" that of all stages but the film's, which is the host's;
-// "wall_ms" a whole frame from its creation to its last pixel on the host: "create_ms" and "render_ms". Micropolygons are told for
-// a second of "visible_ms" and of "device_ms".
+// spent; "visible_ms" is their sum up to what every sample sees, "device_ms" that of all stages but the film's; "wall_ms" is a
+// whole frame from its creation to the last pixel of its colour on the host: "create_ms", "render_ms" and "read_ms".
+// Micropolygons are told for a second of "visible_ms" and of "device_ms".
 //
 // "working_bytes" is what REYES takes for samples and lists. A memory share below 1 repeats each case on a device that is limited to
 // all that the case took but for the rest of these: "time_ratio" says how much longer that takes.
@@ -160,7 +160,8 @@ Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimi
       {"job_ms", [](const gpurt_statistics &s) { return s.render_seconds; }},
   };
   std::vector<std::vector<double>> seconds(std::size(stages));
-  std::vector<double> wall, create, render, release, device_seconds;
+  std::vector<double> wall, create, render, read, release, device_seconds;
+  std::vector<float> color(size_t(size.width) * size.height * 3);
   gpurt_statistics s = GPURT_STATISTICS_INIT;
   for (uint32_t i = 0; i <= o.repeats; ++i) {
     const double start = now();
@@ -186,6 +187,9 @@ Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimi
     check(gpurt_frame_submit(frame, &desc, nullptr, 0, &job), "gpurt_frame_submit");
     check(gpurt_job_wait(job, GPURT_WAIT_FOREVER), "gpurt_job_wait");
     gpurt_job_release(job);
+    const double rendered = now();
+    check(gpurt_frame_read(frame, GPURT_OUTPUT_COLOR, color.data(), color.size() * sizeof(float)),
+          "gpurt_frame_read");
     const double end = now();
     check(gpurt_frame_get_statistics(frame, &s), "gpurt_frame_get_statistics");
     const double releasing = now();
@@ -193,7 +197,8 @@ Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimi
     if (i == 0) continue;
     wall.push_back(end - start);
     create.push_back(created - start);
-    render.push_back(end - created);
+    render.push_back(rendered - created);
+    read.push_back(end - rendered);
     release.push_back(now() - releasing);
     device_seconds.push_back(s.generate_seconds + stages[4].seconds(s) + s.trace_seconds + s.shade_seconds +
                              s.shadow_seconds);
@@ -205,11 +210,12 @@ Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimi
       "\"shading\":%d,\"split\":%d,\"places\":%d,\"stages\":%d,\"shading_rate\":%g,\"flatness\":%g,\"alpha\":"
       "%g,"
       "\"rough_metal\":%g,\"copies\":%u,\"slots\":%u,\"shadows\":%d,\"wall_ms\":%.4f,\"create_ms\":%.4f,"
-      "\"render_ms\":%.4f,\"release_ms\":%.4f",
+      "\"render_ms\":%.4f,\"read_ms\":%.4f,\"release_ms\":%.4f",
       loaded.device_name.c_str(), loaded.name.c_str(), size.width, size.height, o.spp, int(o.shading),
       int(s.schedule.launch), int(o.places), int(s.schedule.traversal), double(o.rate), double(o.flatness),
       double(o.variant.alpha), double(o.variant.rough_metal), o.variant.copies, o.slots, int(o.has_shadows),
-      median(wall) * 1e3, median(create) * 1e3, median(render) * 1e3, median(release) * 1e3);
+      median(wall) * 1e3, median(create) * 1e3, median(render) * 1e3, median(read) * 1e3,
+      median(release) * 1e3);
   double visible = 0;
   for (size_t k = 0; k < std::size(stages); ++k) {
     const double ms = median(seconds[k]) * 1e3;
