@@ -26,9 +26,10 @@ __global__ void __launch_bounds__(block_size) fragments_of_triangles(const __gri
 }
 
 template <Look look>
-__global__ void __launch_bounds__(block_size) fragments_of_large(const __grid_constant__ ReyesBatch b)
+__global__ void __launch_bounds__(block_size)
+    fragments_of_large(const __grid_constant__ ReyesBatch b, LargeParts parts)
 {
-  sample_large_of<look, false>(b);
+  sample_large_of<look, false>(b, parts);
 }
 
 }  // namespace
@@ -56,13 +57,12 @@ void launch_fragments_of_triangles(const ReyesBatch &batch, Look look, cudaStrea
   });
 }
 
-void launch_fragments_of_large(const ReyesBatch &batch, Look look, cudaStream_t stream)
+void launch_fragments_of_large(const ReyesBatch &batch, Look look, LargeParts parts, cudaStream_t stream)
 {
-  launch_count_large_parts(batch, stream);
   choose_fragment_kernel(look, [&](auto kind) {
     launch_persistent(is_of_slots(look) ? "REYES stage 'sample', fragments of large triangles in slots"
                                         : "REYES stage 'sample', fragments of large triangles",
-                      fragments_of_large<kind.value>, uint64_t(1) << 30, stream, batch);
+                      fragments_of_large<kind.value>, uint64_t(parts.num) * 32, stream, batch, parts);
   });
 }
 

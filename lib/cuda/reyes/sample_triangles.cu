@@ -14,9 +14,10 @@ __global__ void __launch_bounds__(block_size) sample_triangles(const __grid_cons
 }
 
 template <Look look, bool has_masks>
-__global__ void __launch_bounds__(block_size) sample_large(const __grid_constant__ ReyesBatch b)
+__global__ void __launch_bounds__(block_size)
+    sample_large(const __grid_constant__ ReyesBatch b, LargeParts parts)
 {
-  sample_large_of<look, has_masks>(b);
+  sample_large_of<look, has_masks>(b, parts);
 }
 
 // large_parts[i] = the parts of triangle i.
@@ -63,6 +64,7 @@ __global__ void __launch_bounds__(scan_threads) sum_large_parts(const __grid_con
     }
     __syncthreads();
   }
+  if (threadIdx.x == 0) b.numbers->num_large_parts = before;
 }
 
 }  // namespace
@@ -82,12 +84,11 @@ void launch_count_large_parts(const ReyesBatch &batch, cudaStream_t stream)
   launch_blocks("REYES stage 'sample', sums of parts", sum_large_parts, 1, scan_threads, stream, batch);
 }
 
-void launch_sample_large(const ReyesBatch &batch, Look look, cudaStream_t stream)
+void launch_sample_large(const ReyesBatch &batch, Look look, LargeParts parts, cudaStream_t stream)
 {
-  launch_count_large_parts(batch, stream);
   choose_kernel(look, batch.has_cutouts != 0, [&](auto kind, auto masks) {
     launch_persistent("REYES stage 'sample', large triangles", sample_large<kind.value, masks.value>,
-                      uint64_t(1) << 30, stream, batch);
+                      uint64_t(parts.num) * 32, stream, batch, parts);
   });
 }
 

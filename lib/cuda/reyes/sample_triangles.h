@@ -169,16 +169,17 @@ __device__ __forceinline__ uint32_t count_parts(const ReyesBatch &b, const Large
 
 // A warp a part of a large triangle.
 template <Look look, bool has_masks>
-__device__ __forceinline__ void sample_large_of(const ReyesBatch &b)
+__device__ __forceinline__ void sample_large_of(const ReyesBatch &b, LargeParts parts)
 {
   __shared__ PixelRows rows_of_warps[block_size / 32];
   PixelRows &rows = rows_of_warps[threadIdx.x / 32];
   const SampleGrid &g = b.samples;
   const uint32_t n = min(b.numbers->num_large, b.large_capacity);
-  if (n == 0) return;
-  const uint32_t num_parts = b.large_parts[n - 1];
+  const uint32_t end = b.numbers->num_large_parts;
+  const uint32_t num_parts = parts.first < end ? min(end - parts.first, parts.num) : 0;
   uint32_t num_fragments = 0;
-  for (uint32_t item; (item = next_item(&b.numbers->tickets[2], num_parts)) != num_parts;) {
+  for (uint32_t ticket; (ticket = next_item(&b.numbers->tickets[2], num_parts)) != num_parts;) {
+    const uint32_t item = parts.first + ticket;
     // The first triangle whose sum is beyond the item.
     uint32_t lo = 0, hi = n - 1;
     while (lo < hi) {

@@ -124,7 +124,7 @@ struct ReyesNumbers {
   uint32_t waiting;       // pieces on the stack
   uint32_t waiting_high;  // of these, on the upper one of two stacks
   uint32_t num_leaves;    // that are to be diced
-  uint32_t num_large;
+  uint32_t num_large, num_large_parts;
   uint32_t num_rest;        // grids that are left to the general kernel
   uint32_t num_spread;      // micropolygons that this leaves to warps
   uint32_t tickets[5];      // of grids, triangles, large triangles, the rest of grids, spread micropolygons
@@ -230,14 +230,19 @@ void launch_uber_grids(const ReyesBatch &batch, cudaStream_t stream);
 /// What sample_grids leaves, and the micropolygons that this leaves in turn.
 void launch_sample_rest(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_sample_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream);
-void launch_sample_large(const ReyesBatch &batch, Look look, cudaStream_t stream);
 
 /// The same of roots that blend, for looks of fragments.
 void launch_fragments_of_grids(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_fragments_of_rest(const ReyesBatch &batch, Look look, cudaStream_t stream);
 void launch_fragments_of_triangles(const ReyesBatch &batch, Look look, cudaStream_t stream);
-void launch_fragments_of_large(const ReyesBatch &batch, Look look, cudaStream_t stream);
+
+/// Parts of large triangles, of about part_pixels each, are counted; then launches take some of them each, whose tickets are clear.
+struct LargeParts {
+  uint32_t first, num;
+};
 void launch_count_large_parts(const ReyesBatch &batch, cudaStream_t stream);
+void launch_sample_large(const ReyesBatch &batch, Look look, LargeParts parts, cudaStream_t stream);
+void launch_fragments_of_large(const ReyesBatch &batch, Look look, LargeParts parts, cudaStream_t stream);
 
 /// Sets the bits of the roots that samples see.
 void launch_mark_visible(const SampleGrid &grid, uint32_t *visible, cudaStream_t stream);

@@ -20,6 +20,10 @@ int32_t cell_bits_for(uint64_t samples_per_pixel)
 // Grids that separate kernels hand on at a time, of the leaves that there is room for.
 uint32_t staged_grids(const ReyesListSizes &sizes) { return std::max(sizes.leaves / 64, 64u); }
 
+// Samples that a launch tests against large triangles at most: 6 ms of an H100, some 0.2 s of devices with few units of double
+// precision. Jobs are cancelled between launches.
+constexpr uint64_t large_tests_of_launch = uint64_t(1) << 30;
+
 // Micropolygons of this area in pixels are mostly below four pixels along an axis.
 constexpr float largest_masked_rate = 4.0f;
 
@@ -216,8 +220,9 @@ void VisibleSamples::begin(const WorkUnit &group, const PathSettings &settings)
   // The parts of all large triangles together are counted in 32 bits.
   const uint64_t num_pixels = uint64_t(width) * uint64_t(height);
   batch_.part_pixels = 256;
-  while ((num_pixels / batch_.part_pixels + uint64_t(height) / 32 + 2) * sizes_.large >> 32 != 0)
-    batch_.part_pixels *= 2;
+  const auto most_parts = [&] { return num_pixels / batch_.part_pixels + uint64_t(height) / 32 + 2; };
+  while (most_parts() * sizes_.large >> 32 != 0) batch_.part_pixels *= 2;
+  most_parts_ = most_parts();
   g.cells_x = width << (unit_bits - g.cell_bits);
   g.cells_y = height << (unit_bits - g.cell_bits);
   g.num_samples = uint32_t(uint64_t(group.x1 - group.x0) * (group.y1 - group.y0) * group.num_samples);
@@ -329,22 +334,52 @@ void VisibleSamples::sample(Look look, cudaStream_t stream, bool has_triangles)
   mark(Stage::Sample, stream);
 }
 
-// What grids and triangles left to kernels of their own, if anything: `numbers` are of the lists after sample().
-void VisibleSamples::sample_rest(Look look, const ReyesNumbers &numbers, cudaStream_t stream)
+// What grids and triangles left to kernels of their own, if anything: `numbers` are of the lists after sample(). False: cancelled.
+bool VisibleSamples::sample_rest(Look look, const ReyesNumbers &numbers, const std::atomic<bool> *cancelled,
+                                 cudaStream_t stream)
 {
-  if (numbers.num_rest == 0 && numbers.num_large == 0) return;
+  if (numbers.num_rest == 0 && numbers.num_large == 0) return true;
   mark(Stage::None, stream);
-  if (is_of_fragments(look)) {
-    if (numbers.num_rest != 0) launch_fragments_of_rest(batch_, look, stream);
-    launch_fragments_of_large(batch_, look, stream);
-  } else {
-    if (numbers.num_rest != 0) launch_sample_rest(batch_, look, stream);
-    launch_sample_large(batch_, look, stream);
+  if (numbers.num_rest != 0) {
+    if (is_of_fragments(look)) launch_fragments_of_rest(batch_, look, stream);
+    else launch_sample_rest(batch_, look, stream);
   }
+  const uint32_t most = numbers.num_rest != 0 ? sizes_.large : std::min(numbers.num_large, sizes_.large);
+  if (!sample_large(look, most, cancelled, stream)) return false;
   mark(Stage::Sample, stream);
+  return true;
 }
 
-void VisibleSamples::run_batch(uint64_t first, Look look, cudaStream_t stream, ReyesCounters &counters)
+// At most `most_triangles` large ones, so many parts a launch that none takes long. Where one may not be enough, the host waits
+// and looks. False: cancelled.
+bool VisibleSamples::sample_large(Look look, uint32_t most_triangles, const std::atomic<bool> *cancelled,
+                                  cudaStream_t stream)
+{
+  const SampleGrid &g = batch_.samples;
+  const uint64_t part_tests = uint64_t(batch_.part_pixels) * g.samples_per_pixel;
+  const uint32_t at_a_time = uint32_t(std::max<uint64_t>(large_tests_of_launch / part_tests, 1));
+  const auto launch = [&](uint32_t first) {
+    if (is_of_fragments(look)) launch_fragments_of_large(batch_, look, {first, at_a_time}, stream);
+    else launch_sample_large(batch_, look, {first, at_a_time}, stream);
+  };
+  launch_count_large_parts(batch_, stream);
+  launch(0);
+  if (most_parts_ * most_triangles <= at_a_time) return true;
+  const uint32_t num_parts = read_numbers(stream).num_large_parts;
+  for (uint32_t first = at_a_time; first < num_parts; first += at_a_time) {
+    if (cancelled != nullptr && cancelled->load(std::memory_order_relaxed)) return false;
+    check(cudaMemsetAsync(&batch_.numbers->tickets[2], 0, sizeof(uint32_t), stream), "cudaMemsetAsync");
+    launch(first);
+    check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
+    // The sum of parts may be all that 32 bits hold.
+    if (num_parts - first <= at_a_time) break;
+  }
+  return true;
+}
+
+// False: cancelled.
+bool VisibleSamples::run_batch(uint64_t first, Look look, const std::atomic<bool> *cancelled,
+                               cudaStream_t stream, ReyesCounters &counters)
 {
   ReyesNumbers *numbers = batch_.numbers;
   if (!std::exchange(is_clear_, false))
@@ -365,7 +400,7 @@ void VisibleSamples::run_batch(uint64_t first, Look look, cudaStream_t stream, R
     is_resolved_ = has_own_light_ && resolves_ahead_ && is_first && is_whole;
     if (is_resolved_) resolve(stream);
     const ReyesNumbers done = read_numbers(stream);
-    sample_rest(look, done, stream);
+    if (!sample_rest(look, done, cancelled, stream)) return false;
     const bool is_finished = done.waiting == 0 && done.next_slot == done.num_slots;
     // Unless the first look counted both kinds.
     if (is_finished && (is_first_look || (counts_fragments(look) && !(is_whole && has_opaque_)))) {
@@ -378,7 +413,7 @@ void VisibleSamples::run_batch(uint64_t first, Look look, cudaStream_t stream, R
     batch_numbers_ = done;
     resolves_ahead_ = is_first && is_finished && done.num_rest == 0 && done.num_large == 0;
     is_resolved_ &= resolves_ahead_;
-    if (is_finished) return;
+    if (is_finished) return true;
     check(cudaMemsetAsync(&numbers->num_leaves, 0,
                           offsetof(ReyesNumbers, queue_head) - offsetof(ReyesNumbers, num_leaves), stream),
           "cudaMemsetAsync");
@@ -393,7 +428,7 @@ bool VisibleSamples::run_batches(Look look, const std::atomic<bool> *cancelled, 
   has_all_ = false;
   for (uint64_t first = 0; first < num_roots_; first += sizes_.roots) {
     if (cancelled != nullptr && cancelled->load(std::memory_order_relaxed)) return false;
-    run_batch(first, look, stream, counters);
+    if (!run_batch(first, look, cancelled, stream, counters)) return false;
   }
   return true;
 }
@@ -426,8 +461,7 @@ bool VisibleSamples::find(const WorkUnit &group, const PathSettings &settings, c
   batch_.visible = visible_;
   if (has_all_) {
     sample(Look::Spots, stream, true);
-    sample_rest(Look::Spots, batch_numbers_, stream);
-    return true;
+    return sample_rest(Look::Spots, batch_numbers_, cancelled, stream);
   }
   ReyesCounters again;
   return run_batches(Look::Spots, cancelled, stream, again);
@@ -453,8 +487,7 @@ bool VisibleSamples::look_at_fragments(Look look, const FragmentView &view, uint
       batch_numbers_.num_rest = done.num_rest;
       batch_numbers_.num_large = done.num_large;
     }
-    sample_rest(look, batch_numbers_, stream);
-    return true;
+    return sample_rest(look, batch_numbers_, cancelled, stream);
   }
   if (y1 - y0 == 1) batch_.rect = rect_of_pixels(first_pixel % width, y0, last_pixel % width + 1, y1);
   else batch_.rect = rect_of_pixels(0, y0, width, y1);

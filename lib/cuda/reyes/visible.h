@@ -95,8 +95,12 @@ class VisibleSamples {
   void split(const ReyesNumbers *last, cudaStream_t stream);
   bool counts_fragments(Look look) const;
   void sample(Look look, cudaStream_t stream, bool has_triangles);
-  void sample_rest(Look look, const ReyesNumbers &numbers, cudaStream_t stream);
-  void run_batch(uint64_t first, Look look, cudaStream_t stream, ReyesCounters &counters);
+  bool sample_rest(Look look, const ReyesNumbers &numbers, const std::atomic<bool> *cancelled,
+                   cudaStream_t stream);
+  bool sample_large(Look look, uint32_t most_triangles, const std::atomic<bool> *cancelled,
+                    cudaStream_t stream);
+  bool run_batch(uint64_t first, Look look, const std::atomic<bool> *cancelled, cudaStream_t stream,
+                 ReyesCounters &counters);
   bool run_batches(Look look, const std::atomic<bool> *cancelled, cudaStream_t stream,
                    ReyesCounters &counters);
 
@@ -108,6 +112,7 @@ class VisibleSamples {
   const uint64_t num_cells_;
   DeviceBuffer<std::byte> buffer_;
   ReyesBatch batch_{};
+  uint64_t most_parts_ = 0;  // that a large triangle has
   SamplePlaces places_{};
   uint32_t *first_ = nullptr, *slots_ = nullptr, *counts_ = nullptr, *visible_ = nullptr;
   uint32_t *ready_ = nullptr;    // of queues of pieces
