@@ -3,7 +3,7 @@
 //   bench_reyes [--device cpu|cuda] [--scene FILE]... [--size WxH]... [--spp N] [--rate AREA] [--shadows 0|1]
 //               [--shading samples|micropolygons|blocks] [--repeats N] [--threads N]
 //               [--split levels|queues|rounds] [--places pushed|blocks|pyramid|naive|library]
-//               [--stages separate|uber|fused] [--schedules 0|1] [--flatness PIXELS]
+//               [--stages separate|uber|fused] [--schedules 0|1] [--flatness PIXELS]...
 //               [--alpha A] [--rough-metal ROUGHNESS] [--copies K] [--slots N] [--memory-limit MIB] [--memory-share S]
 //
 // Without a scene: a dented ball of 2,400 patches on a floor of one patch, made here; with an alpha below 1 the ball blends.
@@ -40,7 +40,8 @@ struct Options {
   std::vector<Size> sizes;
   uint32_t spp = 9, repeats = 9, threads = 0;
   bool has_shadows = false, has_schedules = false;
-  float rate = 0.25f, flatness = 0;
+  float rate = 0.25f;
+  std::vector<float> flatness;
   double memory_share = 1;
   uint64_t memory_limit = 0;
   uint32_t slots = 0;
@@ -136,7 +137,7 @@ struct Cost {
 };
 
 // `unlimited_ms`: 0, or what the case took without a limit.
-Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimited_ms = 0)
+Cost run(const Loaded &loaded, const Size &size, float flatness, const Options &o, double unlimited_ms = 0)
 {
   gpurt_scene scene = loaded.scene;
   const struct {
@@ -176,7 +177,7 @@ Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimi
     desc.pipeline = GPURT_PIPELINE_REYES;
     desc.samples_per_pixel = o.spp;
     desc.reyes.shading_rate = o.rate;
-    desc.reyes.flatness = o.flatness;
+    desc.reyes.flatness = flatness;
     desc.reyes.fragment_slots = o.slots;
     desc.reyes.shading = o.shading;
     desc.schedule.launch = o.split;
@@ -212,7 +213,7 @@ Cost run(const Loaded &loaded, const Size &size, const Options &o, double unlimi
       "\"rough_metal\":%g,\"copies\":%u,\"slots\":%u,\"shadows\":%d,\"wall_ms\":%.4f,\"create_ms\":%.4f,"
       "\"render_ms\":%.4f,\"read_ms\":%.4f,\"release_ms\":%.4f",
       loaded.device_name.c_str(), loaded.name.c_str(), size.width, size.height, o.spp, int(o.shading),
-      int(s.schedule.launch), int(o.places), int(s.schedule.traversal), double(o.rate), double(o.flatness),
+      int(s.schedule.launch), int(o.places), int(s.schedule.traversal), double(o.rate), double(flatness),
       double(o.variant.alpha), double(o.variant.rough_metal), o.variant.copies, o.slots, int(o.has_shadows),
       median(wall) * 1e3, median(create) * 1e3, median(render) * 1e3, median(read) * 1e3,
       median(release) * 1e3);
@@ -282,7 +283,7 @@ void compare_schedules(const Loaded &loaded, const Size &size, Options o)
     o.split = choice.split;
     o.stages = choice.stages;
     o.places = choice.places;
-    run(loaded, size, o);
+    run(loaded, size, o.flatness[0], o);
   }
 }
 
@@ -298,7 +299,7 @@ Options parse(int argc, char **argv)
       o.sizes.push_back(size);
     else if (name == "--spp") o.spp = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--rate") o.rate = float(std::atof(value.c_str()));
-    else if (name == "--flatness") o.flatness = float(std::atof(value.c_str()));
+    else if (name == "--flatness") o.flatness.push_back(float(std::atof(value.c_str())));
     else if (name == "--alpha") o.variant.alpha = float(std::atof(value.c_str()));
     else if (name == "--rough-metal") o.variant.rough_metal = float(std::atof(value.c_str()));
     else if (name == "--copies") o.variant.copies = unsigned(std::max(1, std::atoi(value.c_str())));
@@ -344,6 +345,7 @@ Options parse(int argc, char **argv)
     std::exit(2);
   }
   if (o.sizes.empty()) o.sizes = {{512, 512}, {1920, 1080}};
+  if (o.flatness.empty()) o.flatness = {0};
   return o;
 }
 
@@ -393,15 +395,17 @@ int main(int argc, char **argv)
         compare_schedules(loaded, size, options);
         continue;
       }
-      const Cost cost = run(loaded, size, options);
-      if (options.memory_share == 1) continue;
-      const double rest = (1 - options.memory_share) * double(cost.working_bytes);
-      const Loaded tight = load(path, options, cost.peak_bytes - uint64_t(rest));
-      run(tight, size, options, cost.ms);
-      release(tight);
-      // The next size has a peak of its own.
-      release(loaded);
-      loaded = load(path, options, options.memory_limit);
+      for (const float flatness : options.flatness) {
+        const Cost cost = run(loaded, size, flatness, options);
+        if (options.memory_share == 1) continue;
+        const double rest = (1 - options.memory_share) * double(cost.working_bytes);
+        const Loaded tight = load(path, options, cost.peak_bytes - uint64_t(rest));
+        run(tight, size, flatness, options, cost.ms);
+        release(tight);
+        // The next case has a peak of its own.
+        release(loaded);
+        loaded = load(path, options, options.memory_limit);
+      }
     }
     release(loaded);
   }

@@ -2,12 +2,13 @@
 // tessellated mesh. One JSON line a case.
 //
 //   bench_reyes_cpu [--scene FILE]... [--size WxH]... [--spp N] [--rate AREA] [--repeats N] [--threads N]
-//                   [--tolerance METRES]
+//                   [--tolerance METRES] [--flatness PIXELS]...
 //
 // Without a scene: a bent sheet of 1,600 patches, made here. All ways take turns, round by round; ratios are medians of the
 // rounds' own, so that what else the machine does falls on all alike. Rays see what samples see: path tracing of max_depth 1
 // with as many samples, on one thread, on Embree and on the kd-tree. "visibility": REYES of max_depth 1, which does as much;
 // "samples" and "micropolygons": with direct light without shadows, at samples and once for each micropolygon.
+// Of several values of flatness, all in the same rounds, "times_first_flatness" is how much longer finding takes than with the first.
 // "finding" is the part of it that finds what samples see: places, bound, split, dice and sample, or rays and their hits.
 // Times of one thread are processor time; "speedup" is of wall time, of the medians and of the shortest times.
 #include <time.h>
@@ -35,6 +36,7 @@ struct Options {
   std::vector<Size> sizes;
   uint32_t spp = 9, repeats = 5, threads = 2;
   float rate = 0.25f, tolerance = 0.0f;
+  std::vector<float> flatness;
 };
 
 double cpu_seconds()
@@ -167,26 +169,28 @@ double median_ratio(const std::vector<double> &above, const std::vector<double> 
 void run(const std::string &path, const Size &size, const Options &o, const Committed &embree,
          const Committed &kdtree, const Committed &parallel)
 {
-  gpurt_render_desc reyes = GPURT_RENDER_DESC_INIT;
-  reyes.pipeline = GPURT_PIPELINE_REYES;
-  reyes.samples_per_pixel = o.spp;
-  reyes.reyes.shading_rate = o.rate;
-  reyes.reyes.no_shadows = 1;
-  gpurt_render_desc visibility = reyes, micropolygons = reyes;
-  visibility.max_depth = 1;
-  micropolygons.reyes.shading = GPURT_REYES_SHADING_MICROPOLYGONS;
   gpurt_render_desc rays = GPURT_RENDER_DESC_INIT;
   rays.pipeline = GPURT_PIPELINE_PATH;
   rays.samples_per_pixel = o.spp;
   rays.max_depth = 1;
-  Way ways[] = {{"rays, Embree", &embree, rays, {}, {}, {}, {}},
-                {"rays, kd-tree", &kdtree, rays, {}, {}, {}, {}},
-                {"visibility", &embree, visibility, {}, {}, {}, {}},
-                {"samples", &embree, reyes, {}, {}, {}, {}},
-                {"micropolygons", &embree, micropolygons, {}, {}, {}, {}},
-                {"visibility", &parallel, visibility, {}, {}, {}, {}},
-                {"samples", &parallel, reyes, {}, {}, {}, {}},
-                {"micropolygons", &parallel, micropolygons, {}, {}, {}, {}}};
+  std::vector<Way> ways = {{"rays, Embree", &embree, rays, {}, {}, {}, {}},
+                           {"rays, kd-tree", &kdtree, rays, {}, {}, {}, {}}};
+  for (const float flatness : o.flatness) {
+    gpurt_render_desc reyes = GPURT_RENDER_DESC_INIT;
+    reyes.pipeline = GPURT_PIPELINE_REYES;
+    reyes.samples_per_pixel = o.spp;
+    reyes.reyes.shading_rate = o.rate;
+    reyes.reyes.flatness = flatness;
+    reyes.reyes.no_shadows = 1;
+    gpurt_render_desc visibility = reyes, micropolygons = reyes;
+    visibility.max_depth = 1;
+    micropolygons.reyes.shading = GPURT_REYES_SHADING_MICROPOLYGONS;
+    for (const Committed *committed : {&embree, &parallel}) {
+      ways.push_back({"visibility", committed, visibility, {}, {}, {}, {}});
+      ways.push_back({"samples", committed, reyes, {}, {}, {}, {}});
+      ways.push_back({"micropolygons", committed, micropolygons, {}, {}, {}, {}});
+    }
+  }
   for (uint32_t i = 0; i <= o.repeats; ++i) {
     for (Way &way : ways) {
       render(way, size);
@@ -201,8 +205,9 @@ void run(const std::string &path, const Size &size, const Options &o, const Comm
   gpurt_device_properties properties = GPURT_DEVICE_PROPERTIES_INIT;
   check(gpurt_device_get_properties(parallel.device(), &properties), "gpurt_device_get_properties");
   const std::string name = path.empty() ? "sheet" : path.substr(path.find_last_of('/') + 1);
-  for (int k = 2; k < 5; ++k) {
-    const Way &one = ways[k], &several = ways[k + 3];
+  for (size_t k = 2; k < ways.size(); ++k) {
+    if (ways[k].committed != &embree) continue;
+    const Way &one = ways[k], &several = ways[k + 3], &first = ways[2 + (k - 2) % 6];
     const gpurt_statistics &s = one.statistics;
     const gpurt_reyes_counters &c = s.reyes_counters;
     const double cpu = median(one.cpu);
@@ -210,7 +215,7 @@ void run(const std::string &path, const Size &size, const Options &o, const Comm
     const double num = double(c.num_micropolygons);
     std::printf(
         "{\"bench\":\"reyes_cpu\",\"device\":\"%s\",\"scene\":\"%s\",\"width\":%u,\"height\":%u,\"spp\":%u,"
-        "\"shading_rate\":%g,\"light\":\"%s\",\"micropolygons\":%.0f,\"cpu_ms\":%.2f,"
+        "\"shading_rate\":%g,\"flatness\":%g,\"light\":\"%s\",\"micropolygons\":%.0f,\"cpu_ms\":%.2f,"
         "\"visible_mmp_per_s_core\":%.2f,\"frame_mmp_per_s_core\":%.2f,"
         "\"bound_ms\":%.2f,\"split_ms\":%.2f,\"dice_ms\":%.2f,\"sample_ms\":%.2f,\"places_ms\":%.2f,"
         "\"shade_ms\":%.2f,\"film_ms\":%.2f,\"threads\":%u,\"wall_ms\":%.2f,\"wall_ms_threads\":%.2f,\"cpu_"
@@ -219,17 +224,20 @@ void run(const std::string &path, const Size &size, const Options &o, const Comm
         "ms\":%.2f,\"finding_times_faster_than_embree\":%.2f,"
         "\"finding_times_faster_than_kdtree\":%.2f,\"rays_embree_cpu_ms\":%.2f,\"rays_kdtree_cpu_ms\":%."
         "2f,"
-        "\"times_faster_than_embree\":%.2f,\"times_faster_than_kdtree\":%.2f}\n",
-        properties.name, name.c_str(), size.width, size.height, o.spp, double(o.rate), one.name, num,
-        1e3 * cpu, 1e-6 * num / visible, 1e-6 * num / cpu, 1e3 * c.bound_seconds, 1e3 * c.split_seconds,
-        1e3 * c.dice_seconds, 1e3 * c.sample_seconds, 1e3 * s.generate_seconds, 1e3 * s.shade_seconds,
-        1e3 * s.film_seconds, o.threads, 1e3 * median(one.wall), 1e3 * median(several.wall),
-        1e3 * median(several.cpu), median_ratio(one.wall, several.wall),
+        "\"times_faster_than_embree\":%.2f,\"times_faster_than_kdtree\":%.2f,\"times_first_flatness\":%.3f}"
+        "\n",
+        properties.name, name.c_str(), size.width, size.height, o.spp, double(o.rate),
+        double(one.desc.reyes.flatness), one.name, num, 1e3 * cpu, 1e-6 * num / visible, 1e-6 * num / cpu,
+        1e3 * c.bound_seconds, 1e3 * c.split_seconds, 1e3 * c.dice_seconds, 1e3 * c.sample_seconds,
+        1e3 * s.generate_seconds, 1e3 * s.shade_seconds, 1e3 * s.film_seconds, o.threads,
+        1e3 * median(one.wall), 1e3 * median(several.wall), 1e3 * median(several.cpu),
+        median_ratio(one.wall, several.wall),
         *std::min_element(one.wall.begin(), one.wall.end()) /
             *std::min_element(several.wall.begin(), several.wall.end()),
         1e3 * median(one.finding), 1e3 * median(ways[0].finding), median_ratio(ways[0].finding, one.finding),
         median_ratio(ways[1].finding, one.finding), 1e3 * median(ways[0].cpu), 1e3 * median(ways[1].cpu),
-        median_ratio(ways[0].cpu, one.cpu), median_ratio(ways[1].cpu, one.cpu));
+        median_ratio(ways[0].cpu, one.cpu), median_ratio(ways[1].cpu, one.cpu),
+        median_ratio(one.finding, first.finding));
   }
   std::fflush(stdout);
 }
@@ -248,6 +256,7 @@ Options parse(int argc, char **argv)
     else if (name == "--repeats") o.repeats = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--threads") o.threads = uint32_t(std::max(1, std::atoi(value.c_str())));
     else if (name == "--tolerance") o.tolerance = float(std::atof(value.c_str()));
+    else if (name == "--flatness") o.flatness.push_back(float(std::atof(value.c_str())));
     else {
       std::fprintf(stderr, "error: unknown option %s %s\n", name.c_str(), value.c_str());
       std::exit(2);
@@ -255,6 +264,7 @@ Options parse(int argc, char **argv)
   }
   if (o.sizes.empty()) o.sizes = {{512, 512}, {1920, 1080}};
   if (o.scenes.empty()) o.scenes.push_back("");
+  if (o.flatness.empty()) o.flatness = {0};
   return o;
 }
 

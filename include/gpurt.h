@@ -1253,7 +1253,7 @@ typedef struct gpurt_reyes_settings {
   gpurt_reyes_filter filter;
   gpurt_reyes_shading shading;
   uint32_t no_shadows; /* 1: nothing stands between a surface and a light */
-  float flatness; /* > 0: micropolygons may be larger where they stay within so many pixels of the surface */
+  float flatness; /* pixels by which larger micropolygons, up to 2.8 long, may leave the surface; 0: none */
   /* 0: a sample keeps all fragments of surfaces that blend. Above 0, at most 64: a study variant, the fixed A-buffer: the
      nearest ones, so many of them; the others are lost, and counted. */
   uint32_t fragment_slots;

@@ -244,7 +244,7 @@ TEST(CudaReyes, AtTheEyeHasTheBitsOfTheCpu)
                   {reyes_picture(side, side, 9), reyes_picture(side, side, 4, 64.0f)});
 }
 
-// Flat regions diced coarser: triangles of every size, in front of the eye and through it.
+// Flat regions diced coarser, and triangles of every size, in front of the eye and through it.
 std::vector<ReyesPicture> flat_pictures(uint32_t num_cameras)
 {
   std::vector<ReyesPicture> pictures;
@@ -256,6 +256,10 @@ std::vector<ReyesPicture> flat_pictures(uint32_t num_cameras)
   }
   pictures.push_back(reyes_picture(side, side, 3, 2.0f, GPURT_REYES_FILTER_GAUSSIAN));
   pictures.back().options.reyes.flatness = 0.5f;
+  for (const float rate : {16.0f, 64.0f, 256.0f}) {
+    pictures.push_back(reyes_picture(side, side, 9, rate));
+    pictures.back().options.reyes.flatness = 0.5f;
+  }
   return pictures;
 }
 
@@ -301,14 +305,14 @@ TEST(CudaReyes, IsTheSameInLittleMemory)
 }
 
 // Lists of large triangles and of micropolygons of some pixels that are full: from as little memory as there is an image in.
-TEST(CudaReyes, OfFlatRegionsIsTheSameInLittleMemory)
+TEST(CudaReyes, OfLargeMicropolygonsIsTheSameInLittleMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   const uint32_t side = uint32_t(amount(200, 100));
   const Scene a = scene_of(make_device(GPURT_DEVICE_CUDA), fill_at_the_eye);
-  for (const gpurt_reyes_filter filter : {GPURT_REYES_FILTER_BOX, GPURT_REYES_FILTER_GAUSSIAN}) {
-    ReyesPicture p = reyes_picture(side, side, 9, 0, filter);
-    p.options.reyes.flatness = 0.5f;
+  for (const auto &[filter, rate] :
+       {std::pair{GPURT_REYES_FILTER_BOX, 150.0f}, {GPURT_REYES_FILTER_GAUSSIAN, 16.0f}}) {
+    const ReyesPicture p = reyes_picture(side, side, 9, rate, filter);
     const std::vector<OutputBits> bits = bits_of(a, p);
     int num_images = 0;
     // The film alone takes 7.5.

@@ -40,7 +40,9 @@ TEST(CudaReyesBlending, OfMeshesAndPatchesHasTheBitsOfTheCpu)
   compare_devices(cpu, cuda, fill_shells_and_meshes, unshadowed({pictures()[0]}));
   ReyesPicture flat = pictures()[0];
   flat.options.reyes.flatness = 0.4f;
-  compare_devices(cpu, cuda, fill_shells_and_meshes, {flat});
+  ReyesPicture large = pictures()[0];
+  large.options.reyes.shading_rate = 100;
+  compare_devices(cpu, cuda, fill_shells_and_meshes, {flat, large});
 }
 
 // Textures, holes, lamps that blend, instances.

@@ -458,11 +458,11 @@ TEST_P(Reyes, DicesFlatRegionsCoarser)
     Scene scene;
     GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
     add_patches(scene, nets);
-    constexpr uint32_t num = 3, size = 64;
+    constexpr uint32_t num = 4, size = 64;
     for (uint32_t i = 0; i < num; ++i) {
       std::array<double, 3> eye;
       for (double &c : eye) c = uniform(rng, -2, 2);
-      add_turned_camera(scene, eye, rng, 1.2f);
+      add_turned_camera(scene, eye, rng, 1.6f);
     }
     coarse_commit(scene);
     uint64_t last = 0;
@@ -495,7 +495,8 @@ TEST_P(Reyes, DicesFlatRegionsCoarser)
       std::printf("flatness %g: %llu micropolygons, %llu of %llu pixels differ\n", double(flatness),
                   static_cast<unsigned long long>(num_micropolygons),
                   static_cast<unsigned long long>(num_moved), static_cast<unsigned long long>(num_seen));
-      EXPECT_TRUE(flatness == 0 ? num_moved == 0 : num_micropolygons <= last);
+      EXPECT_GT(num_seen, 500u);
+      EXPECT_TRUE(flatness == 0 ? num_moved == 0 : num_micropolygons < last);
       last = num_micropolygons;
     }
   }

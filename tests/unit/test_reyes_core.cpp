@@ -320,6 +320,110 @@ TEST_F(Pieces, AreNotSeenFarFromTheirPoints)
   EXPECT_EQ(num_seen, 0u) << "of " << num_beside;
 }
 
+// A point of a patch in pixels.
+std::array<double, 2> pixel_of(const RasterPatch &patch, uint32_t u, uint32_t v)
+{
+  const RasterPoint p = patch_point(patch, u, v);
+  return {double(p.x) / double(p.w), double(p.y) / double(p.w)};
+}
+
+double distance_of(const std::array<double, 2> &a, const std::array<double, 2> &b)
+{
+  return std::hypot(a[0] - b[0], a[1] - b[1]);
+}
+
+// Where flat regions are diced coarser, pieces stay as they are. Isolines that have fewer vertices leave the surface by less
+// than half of what is allowed, cells by less than three quarters, and neither has edges of more than 2.83 pixels, or than the
+// rate asks for: at rate 9 only turns at outlines get fewer vertices.
+TEST_F(Pieces, AreTheSameWhereTheirGridsAreCoarser)
+{
+  for (const auto &[rate, flatness] : {std::pair{0.25f, 0.05f}, {0.25f, 0.3f}, {0.25f, 2.0f}, {9.0f, 4.0f}}) {
+    const double longest = 1.41422 * std::max(2.0, std::sqrt(double(rate)));
+    const DiceSettings fine = dice_settings(rate, 0.0f, 512, 512),
+                       flat = dice_settings(rate, flatness, 512, 512);
+    uint64_t num_edges = 0, num_coarser = 0, num_cells = 0, num_coarse_cells = 0;
+    double worst_edge = 0, worst_cell = 0, longest_edge = 0, longest_cell = 0;
+    for (int i = 0; i < 30; ++i) {
+      const RasterPatch patch = random_patch(uniform(4, 20));
+      std::vector<std::pair<Piece, Piece>> waiting = {{whole_patch(), whole_patch()}};
+      while (!waiting.empty()) {
+        auto [a, b] = waiting.back();
+        waiting.pop_back();
+        for (uint32_t e = 0; e < 4; ++e) {
+          if (b.edge[e] != open_edge) continue;
+          const uint32_t d = decide_edge_of(patch, b, e, flat), of_fine = decide_edge_of(patch, a, e, fine);
+          ASSERT_EQ(d == open_edge, of_fine == open_edge);
+          if (d == open_edge) continue;
+          ASSERT_GE(d, of_fine);
+          ++num_edges;
+          if (d == of_fine) continue;
+          ++num_coarser;
+          const bool along_u = e < 2;
+          const uint32_t from = along_u ? b.u : b.v, bits = along_u ? b.u_bits : b.v_bits;
+          const uint32_t at = (along_u ? b.v : b.u) + ((e & 1) << (along_u ? b.v_bits : b.u_bits));
+          const auto point = [&](uint32_t k) { return pixel_of(patch, along_u ? k : at, along_u ? at : k); };
+          double sum = 0;
+          for (uint32_t k = from; k < from + (1u << bits); k += 1u << d) {
+            const auto p = point(k), q = point(k + (1u << d));
+            sum += distance_of(p, q);
+            for (uint32_t j = 1; j < 8; ++j) {
+              // The nearest of the chord's points.
+              const auto c = point(k + (j << d) / 8);
+              const double px = q[0] - p[0], py = q[1] - p[1], square = px * px + py * py;
+              const double t = std::clamp(((c[0] - p[0]) * px + (c[1] - p[1]) * py) / square, 0.0, 1.0);
+              worst_edge = std::max(worst_edge, distance_of(c, {p[0] + t * px, p[1] + t * py}));
+            }
+          }
+          longest_edge = std::max(longest_edge, sum / double(1u << (bits - d)));
+        }
+        const PieceAction action = decide_piece(patch, part_of(patch, a), fine, a);
+        ASSERT_EQ(decide_piece(patch, part_of(patch, b), flat, b), action);
+        if (action != PieceAction::Dice) {
+          Piece of_a[4], of_b[4];
+          const uint32_t n = split_piece(a, action, of_a);
+          split_piece(b, action, of_b);
+          for (uint32_t k = 0; k < n; ++k) waiting.emplace_back(of_a[k], of_b[k]);
+          continue;
+        }
+        ASSERT_TRUE(b.grid_u <= a.grid_u && b.grid_v <= a.grid_v);
+        num_cells += 1u << (a.grid_u + a.grid_v);
+        num_coarse_cells += 1u << (b.grid_u + b.grid_v);
+        if (b.grid_u == a.grid_u || b.grid_v == a.grid_v) continue;
+        const uint32_t du = 1u << (b.u_bits - b.grid_u), dv = 1u << (b.v_bits - b.grid_v);
+        for (uint32_t v = b.v; v < b.v + (1u << b.v_bits); v += dv) {
+          double sum = 0;
+          for (uint32_t u = b.u; u < b.u + (1u << b.u_bits); u += du) {
+            const auto p = pixel_of(patch, u, v), q = pixel_of(patch, u + du, v),
+                       r = pixel_of(patch, u, v + dv), s = pixel_of(patch, u + du, v + dv);
+            sum += distance_of(p, q);
+            worst_cell = std::max(worst_cell, distance_of(pixel_of(patch, u + du / 2, v + dv / 2),
+                                                          {0.25 * (p[0] + q[0] + r[0] + s[0]),
+                                                           0.25 * (p[1] + q[1] + r[1] + s[1])}));
+          }
+          longest_cell = std::max(longest_cell, sum / double(1u << b.grid_u));
+        }
+      }
+    }
+    std::printf(
+        "rate %g, flatness %g: %llu of %llu edges coarser, off by %.4f, of %.2f pixels; %llu cells, not "
+        "%llu, off by "
+        "%.4f, of %.2f pixels\n",
+        double(rate), double(flatness), (unsigned long long)num_coarser, (unsigned long long)num_edges,
+        worst_edge, longest_edge, (unsigned long long)num_coarse_cells, (unsigned long long)num_cells,
+        worst_cell, longest_cell);
+    if (rate < 4.0f) {
+      EXPECT_GT(num_coarser, num_edges / 10);
+      EXPECT_LT(num_coarse_cells, num_cells / 2);
+    } else {
+      EXPECT_LT(num_coarser, num_edges / 10);
+    }
+    EXPECT_LE(worst_edge, 0.5 * double(flatness) + 1e-3);
+    EXPECT_LE(worst_cell, 0.75 * double(flatness) + 1e-3);
+    EXPECT_LE(longest_edge, longest + 1e-3);
+    EXPECT_LE(longest_cell, longest + 1e-3);
+  }
+}
+
 // The pixels of a root's box hold every point of it that is on the image.
 TEST_F(Pieces, OfRootsLieInTheirBoxes)
 {

@@ -246,8 +246,8 @@ void put_roots(const ReyesScene &scene, const PathSettings &settings, const Reye
                double (*seconds)(), ReyesKernelCounters &counters)
 {
   const RasterProjection projection = raster_projection(settings.camera);
-  const DiceSettings dice{1.0f / sqrt(reyes.shading_rate), 0.5f * float(settings.camera.width),
-                          0.5f * float(settings.camera.height), reyes.flatness};
+  const DiceSettings dice =
+      dice_settings(reyes.shading_rate, reyes.flatness, settings.camera.width, settings.camera.height);
   const bool has_own_light = reyes.shading != ReyesShading::Samples;
   BlockSampler sampler(scene, projection, block, has_own_light && !bucket.lights_by_rays, sink, bucket.wide);
   const OwnLight own =

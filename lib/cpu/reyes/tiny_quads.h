@@ -9,8 +9,8 @@
 
 namespace gpurt {
 
-// Of a micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 1024 * (1024 + 256) < 2^24.
-constexpr float tiny_extent = 1024.0f;
+// Of a micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 2048 * (2048 + 256) < 2^24.
+constexpr float tiny_extent = 2048.0f;
 
 // Triangles from their vertex a, turned so that their insides are positive: edges a x + b y + c opposite to each corner.
 struct TinyTriangles {

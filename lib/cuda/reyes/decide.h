@@ -38,9 +38,10 @@ __device__ inline float group_max(float x)
   return max(x, __shfl_xor_sync(0xffffffffu, x, 2));
 }
 
-// As shorten_flat, by the lanes of a group together; they have the control points in homogeneous coordinates and, where the
-// piece is in front of the eye, on the image.
-__device__ inline SecondDifferences group_second_differences(const SharedPart &part, uint32_t lane)
+// As coarsen_grid, by the lanes of a group together; they have the control points in homogeneous coordinates and, where the
+// piece is in front of the eye, on the image. All lanes of the warp call it: of those that `may` the grids change.
+__device__ inline void group_coarsen_grid(const SharedPart &part, const DiceSettings &dice, float length_u,
+                                          float length_v, bool may, uint32_t lane, Piece &p)
 {
   ProjectedBox box{infinity, infinity, -infinity, -infinity, infinity};
   for (uint32_t i = 4 * lane; i < 4 * lane + 4; ++i) {
@@ -53,7 +54,8 @@ __device__ inline SecondDifferences group_second_differences(const SharedPart &p
   box = {-group_max(-box.x0), -group_max(-box.y0), group_max(box.x1), group_max(box.y1),
          -group_max(-box.least_w)};
   const SecondDifferences d = second_differences(projected_hull(box), part.x, part.y, part.w, int(lane));
-  return {group_max(d.uu), group_max(d.uv), group_max(d.vv)};
+  const SecondDifferences all{group_max(d.uu), group_max(d.uv), group_max(d.vv)};
+  if (may) coarsen_grid(all, box.least_w, dice, length_u, length_v, p);
 }
 
 // As decide_piece, by the lanes of a group together: a lane takes a coordinate, a row, an edge. False: it cannot be seen.
@@ -106,11 +108,11 @@ __device__ inline bool decide(const ReyesBatch &b, QueuedPiece &q, SharedPart &p
                     length_v);
   length_u = group_max(length_u);
   length_v = group_max(length_v);
-  if (b.dice.flatness > 0.0f) {
-    const SecondDifferences d = group_second_differences(part, lane);
-    if (is_in_front) shorten_flat(d, b.dice, length_u, length_v);
-  }
   action = choose_action(p, is_in_front, length_u, length_v, b.dice);
+  const bool may_be_flat =
+      is_seen && action == PieceAction::Dice && is_in_front && may_be_coarser(p, length_u, length_v, b.dice);
+  if (__any_sync(0xffffffffu, may_be_flat))
+    group_coarsen_grid(part, b.dice, length_u, length_v, may_be_flat, lane, p);
   __syncwarp();
   return is_seen;
 }

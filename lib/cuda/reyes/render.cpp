@@ -115,10 +115,9 @@ class ReyesRenderer {
       num_cells = std::max(num_cells, VisibleSamples::cells_of(g.bounds, *pass_.reyes, has_masks));
       film_bytes = std::max(film_bytes, GroupFilm(g.num_pixels(), pass_.outputs).bytes());
     }
-    work->samples.emplace(
-        memory_, reyes_, *pass_.reyes, pass_.reyes_schedule,
-        ReyesListSizes::at_level(level, has_spare_lists, reyes_.num_roots, pass_.reyes->flatness > 0),
-        num_samples, num_cells, has_masks, lane.to_device);
+    work->samples.emplace(memory_, reyes_, *pass_.reyes, pass_.reyes_schedule,
+                          ReyesListSizes::at_level(level, has_spare_lists, reyes_.num_roots), num_samples,
+                          num_cells, has_masks, lane.to_device);
     if (reyes_.has_blending)
       work->blended.emplace(memory_, num_samples, std::max(max_fragments >> level, min_fragments),
                             pass_.reyes->fragment_slots, needs_rays_);

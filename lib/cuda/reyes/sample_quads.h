@@ -62,6 +62,8 @@ class TinyWalk {
     y_ = is_there ? cells_.y0 : cells_.y1 + 1;
     seek(g);
   }
+  // log2 of the height in raster units of what a box has wholly or not at all.
+  static __device__ int32_t row_bits(const SampleGrid &g) { return g.cell_bits; }
   __device__ uint32_t place(const SampleGrid &g) const { return g.places[k_]; }
   __device__ bool is_at_sample() const { return k_ < end_; }
   __device__ uint32_t slot(const SampleGrid &) const { return k_; }
@@ -113,6 +115,7 @@ class MaskWalk {
     look_up(g);
     find_sample(g);
   }
+  static __device__ int32_t row_bits(const SampleGrid &) { return unit_bits - 3; }
   __device__ bool is_at_sample() const { return bits_ != 0; }
   __device__ uint32_t slot(const SampleGrid &g) const
   {
@@ -324,36 +327,46 @@ __device__ __forceinline__ void sample_quads(const ReyesBatch &b, const WarpGrid
       keep_fragments<look>(b, g, *seen, root, first, n, lane, num_fragments);
     else if constexpr (look == Look::Spots) put_spots(b, g, *seen, first, n, lane);
   };
-  const uint32_t num_u = 1u << g.piece.grid_u, width = num_u + 1,
-                 num_quads = 1u << (g.piece.grid_u + g.piece.grid_v);
+  const uint32_t grid_bits = g.piece.grid_u + g.piece.grid_v, num_quads = 1u << grid_bits,
+                 num_u = 1u << g.piece.grid_u, width = num_u + 1;
+  // Of grids that have fewer micropolygons than a warp has lanes, several lanes share each: they take rows of its samples.
+  const uint32_t share_bits = grid_bits < 5 ? 5 - grid_bits : 0;
+  const int32_t share = int32_t(lane >> (5 - share_bits));
   uint32_t num_seen = 0, left = 0;
   for (uint32_t first = 0; first < num_quads; first += 32) {
-    const uint32_t q = first + lane;
-    const bool is_quad = q < num_quads;
-    const uint32_t ia = is_quad ? (q >> g.piece.grid_u) * width + (q & (num_u - 1)) : 0, ib = ia + 1,
-                   ic = ia + width + 1, id = ia + width;
+    const uint32_t q = first + (lane & (31u >> share_bits));
+    const uint32_t ia = (q >> g.piece.grid_u) * width + (q & (num_u - 1)), ib = ia + 1, ic = ia + width + 1,
+                   id = ia + width;
     const int32_t ax = g.x[ia], ay = g.y[ia], bx = g.x[ib], by = g.y[ib], cx = g.x[ic], cy = g.y[ic],
                   dx = g.x[id], dy = g.y[id];
     const int32_t x0 = min(min(ax, bx), min(cx, dx)), x1 = max(max(ax, bx), max(cx, dx));
     const int32_t y0 = min(min(ay, by), min(cy, dy)), y1 = max(max(ay, by), max(cy, dy));
     const bool is_tiny = is_in_front && x1 - x0 <= b.tiny_extent && y1 - y0 <= b.tiny_extent;
-    if (__any_sync(all_lanes, is_quad && !is_tiny)) {
+    if (__any_sync(all_lanes, !is_tiny)) {
       left |= 1u << first / 32;
-      if (!__any_sync(all_lanes, is_quad && is_tiny)) continue;
+      if (!__any_sync(all_lanes, is_tiny)) continue;
     }
     TinyTriangle s, t;
     const float za = g.z[ia], zc = g.z[ic];
     const float rcx = float(cx - ax), rcy = float(cy - ay);
     const bool has_s = make_tiny_triangle(za, float(bx - ax), float(by - ay), g.z[ib], rcx, rcy, zc, s);
     const bool has_t = make_tiny_triangle(za, rcx, rcy, zc, float(dx - ax), float(dy - ay), g.z[id], t);
-    const bool is_there = is_quad && is_tiny && (has_s || has_t);
+    bool is_there = is_tiny && (has_s || has_t);
     // What samples keep: the root's number or, in its place, light.
     uint32_t kept = root;
-    if constexpr (has_light) kept = ~light_of(b, g, *light, is_quad ? q : 0);
+    if constexpr (has_light) kept = ~light_of(b, g, *light, q);
     // One without area covers nothing.
     if (!has_s) s.threshold_a = infinity;
     if (!has_t) t.threshold_a = infinity;
-    Walk walk(b.samples, x0, y0, x1, y1, ax, ay, is_there);
+    int32_t from_y = y0, to_y = y1;
+    if (share_bits != 0) {
+      const int32_t bits = Walk::row_bits(b.samples), row = y0 >> bits, n = (y1 >> bits) - row + 1;
+      const int32_t begin = row + (share * n >> share_bits), end = row + ((share + 1) * n >> share_bits);
+      is_there &= begin < end;
+      from_y = max(y0, begin << bits);
+      to_y = min(y1, (end << bits) - 1);
+    }
+    Walk walk(b.samples, x0, from_y, x1, to_y, ax, ay, is_there);
     while (__any_sync(all_lanes, walk.is_at_sample())) {
       float z = 0.0f, x = 0.0f, y = 0.0f;
       uint32_t slot = 0, num_taken = 0;  // of fragments

@@ -44,8 +44,8 @@ GPURT_INLINE uint32_t cell_index(const SampleGrid &g, int32_t x, int32_t y)
   return pixel << 2 * s | uint32_t((y & mask) << s | (x & mask));
 }
 
-// Of a tiny micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 1024 * (1024 + 256) < 2^24.
-constexpr int32_t largest_tiny_extent = 1024;
+// Of a tiny micropolygon's box. Samples of its cells lie up to a pixel beyond: 3 * 2048 * (2048 + 256) < 2^24.
+constexpr int32_t largest_tiny_extent = 2048;
 
 /// A piece of a patch that is to be cut, or diced.
 struct QueuedPiece {

@@ -29,8 +29,7 @@ constexpr float largest_masked_rate = 4.0f;
 
 }  // namespace
 
-ReyesListSizes ReyesListSizes::at_level(unsigned level, bool is_spare, uint64_t num_roots,
-                                        bool has_flat_regions)
+ReyesListSizes ReyesListSizes::at_level(unsigned level, bool is_spare, uint64_t num_roots)
 {
   const auto room = [&](unsigned bits, unsigned more_levels, uint32_t least) {
     const unsigned cut = level + (is_spare ? more_levels : 0);
@@ -38,7 +37,7 @@ ReyesListSizes ReyesListSizes::at_level(unsigned level, bool is_spare, uint64_t 
   };
   // Roots shrink last: each batch of them is a launch of every stage, and waits for the host.
   ReyesListSizes s{std::min(room(19, 0, 256), uint32_t(1) << 17), room(19, 1, 1024), room(20, 2, 1024),
-                   room(has_flat_regions ? 20 : 16, 2, 256), room(has_flat_regions ? 19 : 17, 2, 256)};
+                   room(16, 2, 256), room(17, 2, 256)};
   s.roots = uint32_t(std::clamp<uint64_t>(num_roots, 1, s.roots));
   return s;
 }
@@ -119,7 +118,7 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
       has_blending_(scene.has_blending),
       has_opaque_(scene.has_opaque),
       // Large micropolygons are left to kernels that come after the host has looked.
-      resolves_ahead_(settings.flatness == 0 && settings.shading_rate <= 1),
+      resolves_ahead_(settings.shading_rate <= 1),
       split_blocks_(split_blocks()),
       pinned_(pinned)
 {
@@ -166,8 +165,7 @@ VisibleSamples::VisibleSamples(const std::shared_ptr<DeviceMemory> &memory, cons
   batch_.numbers = a.numbers;
   // Where micropolygons are meant to be large, grids have few: a lane that went through samples of many pixels alone would hold up
   // its warp, and most of the device would wait.
-  batch_.tiny_extent =
-      settings.flatness > 0 || settings.shading_rate > 1 ? largest_tiny_extent / 4 : largest_tiny_extent;
+  batch_.tiny_extent = settings.shading_rate > 1 ? 1 << unit_bits : largest_tiny_extent;
   if (has_filter) make_filter_table(settings.filter, places_.table);
   pinned_.reserve(sizeof(ReyesNumbers));
   // Those of a plain frame: making one takes the host as long as starting a kernel.
@@ -227,11 +225,10 @@ void VisibleSamples::begin(const WorkUnit &group, const PathSettings &settings)
   g.cells_y = height << (unit_bits - g.cell_bits);
   g.num_samples = uint32_t(uint64_t(group.x1 - group.x0) * (group.y1 - group.y0) * group.num_samples);
   batch_.projection = raster_projection(settings.camera);
-  const float half_width = 0.5f * float(settings.camera.width),
-              half_height = 0.5f * float(settings.camera.height);
   batch_.own = own_light(batch_.projection, settings_.shading == ReyesShading::Blocks ? 1 : 0,
                          settings.max_depth >= 2);
-  batch_.dice = {1.0f / sqrt(settings_.shading_rate), half_width, half_height, settings_.flatness};
+  batch_.dice = dice_settings(settings_.shading_rate, settings_.flatness, settings.camera.width,
+                              settings.camera.height);
   batch_.rect = rect_of_pixels(0, 0, uint32_t(width), uint32_t(height));
   places_.unit = {group.x0, group.y0, group.x1, group.y1, group.first_sample, 0};
   places_.num_samples = group.num_samples;

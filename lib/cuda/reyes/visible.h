@@ -22,9 +22,8 @@ struct ReyesListSizes {
   uint32_t spread;  // micropolygons of which that is so
 
   /// Level 0 is the largest; each further one has half of the last one's room. Spare ones leave a level's memory to samples: a
-  /// list that fills up once more costs less than one more group of them. Where flat regions are diced coarser, more triangles
-  /// are large.
-  static ReyesListSizes at_level(unsigned level, bool is_spare, uint64_t num_roots, bool has_flat_regions);
+  /// list that fills up once more costs less than one more group of them.
+  static ReyesListSizes at_level(unsigned level, bool is_spare, uint64_t num_roots);
 };
 
 /// Whether samples keep light in place of what they see.

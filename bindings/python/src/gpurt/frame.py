@@ -201,8 +201,8 @@ class Frame:
             made with.
         :param reyes: settings of the pipeline "reyes", by name: shading_rate (the area of a micropolygon in pixels),
             filter ("box", "gaussian", "mitchell"), shading ("samples", "micropolygons", "blocks"), shadows (False:
-            nothing stands between a surface and a light), flatness (> 0: micropolygons may be larger where they stay
-            within so many pixels of the surface), fragment_slots (a study variant: of surfaces that blend
+            nothing stands between a surface and a light), flatness (> 0: micropolygons may be larger, with
+            edges of up to 2.8 pixels, where they stay within so many pixels of the surface), fragment_slots (a study variant: of surfaces that blend
             a sample keeps the nearest, so many; 0: all). As for photon.
 
         Samples are added to what the frame has: a job that was cancelled, or stopped early, goes on where it was,

@@ -122,7 +122,7 @@ pub struct ReyesSettings {
     pub shading: ReyesShading,
     /// Nothing stands between a surface and a light.
     pub no_shadows: bool,
-    /// Above 0, micropolygons may be larger where they stay within so many pixels of the surface.
+    /// Above 0, micropolygons may be larger, with edges of up to 2.8 pixels, where they stay within so many pixels of the surface.
     pub flatness: f32,
     /// 0: a sample keeps all fragments of surfaces that blend. Above 0, at most 64: a study variant, the fixed A-buffer: the
     /// nearest ones, so many of them; the others are lost, and counted.
