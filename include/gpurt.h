@@ -1196,9 +1196,9 @@ typedef enum gpurt_photon_remedy {
 /* Settings of GPURT_PIPELINE_PHOTON; other pipelines want them zero. Where a frame has samples, zero means what they were
    made with: settings cannot differ within a frame. */
 typedef struct gpurt_photon_settings {
-  uint32_t
-      photons_per_pass; /* emitted for each sample of the pixels; 0: about one for each pixel of the frame */
-  float initial_radius; /* of pass 0, in metres; 0: from the scene, by a pilot */
+  /* emitted for each sample of the pixels; 0: about one a pixel of the frame, by trial passes with a time_limit_s */
+  uint32_t photons_per_pass;
+  float initial_radius; /* of pass 0, in metres; 0: by a pilot, by trial passes with a time_limit_s */
   gpurt_photon_estimator estimator;
   gpurt_photon_kernel kernel;
   uint32_t remedies; /* bits of gpurt_photon_remedy; 0: all but CONTINUE */

@@ -321,17 +321,24 @@ ReyesSettings Frame::resolve_reyes(const gpurt_reyes_settings &asked) const
 }
 
 // Of the job that renders: no other changes the settings meanwhile.
-PhotonSettings Frame::photon_settings(const EmissionView &emission)
+PhotonSettings Frame::photon_settings(const EmissionView &emission, float &widest_radius)
 {
   const FrameTotals t = totals();
   PhotonSettings settings = t.photon;
   if (settings.initial_radius == 0) {
-    settings.initial_radius = choose_initial_radius(*scene_.committed, path_settings(t.max_depth), emission,
-                                                    settings.photons_per_pass);
-    const std::scoped_lock lock(totals_mutex_);
-    state_.totals.photon = settings;
+    const InitialRadius found = choose_initial_radius(*scene_.committed, path_settings(t.max_depth), emission,
+                                                      settings.photons_per_pass);
+    settings.initial_radius = found.radius;
+    widest_radius = found.widest;
+    set_photon_settings(settings);
   }
   return settings;
+}
+
+void Frame::set_photon_settings(const PhotonSettings &settings)
+{
+  const std::scoped_lock lock(totals_mutex_);
+  state_.totals.photon = settings;
 }
 
 PathSettings Frame::path_settings(uint32_t max_depth) const

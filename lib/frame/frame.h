@@ -145,8 +145,11 @@ class Frame {
   void check_error_outputs(const gpurt_render_desc &desc, const PhotonSettings &photon) const;
   /// Has film arrays for more. No job may run.
   void add_film_outputs(uint32_t more);
-  /// Settings of photon mapping with a radius, which is found from the scene where it is not known yet.
-  PhotonSettings photon_settings(const EmissionView &emission);
+  /// Settings of photon mapping with a radius, which is found from the scene where it is not known yet: then with the
+  /// widest one that would do.
+  PhotonSettings photon_settings(const EmissionView &emission, float &widest_radius);
+  /// Of a frame without samples.
+  void set_photon_settings(const PhotonSettings &settings);
   /// What zeros of `asked` mean for this frame: what its samples were made with, or the defaults.
   ReyesSettings resolve_reyes(const gpurt_reyes_settings &asked) const;
   PathSettings path_settings(uint32_t max_depth) const;

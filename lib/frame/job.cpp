@@ -233,11 +233,7 @@ void Job::render()
 {
   start_seconds_ = steady_seconds();
   frame_->set_outcome(desc_.tile_size, desc_.schedule, "rendering");
-  if (has_photons()) {
-    emission_ = make_emission_table(*frame_->scene().compiled);
-    photon_request_.emission = emission_.view();
-    photon_request_.settings = frame_->photon_settings(photon_request_.emission);
-  }
+  if (has_photons()) prepare_photons();
   is_on_device_ = !has_photons() && frame_->take_to_device();
   if (!is_on_device_) frame_->leave_device();
   regions_ = plan();
@@ -285,8 +281,8 @@ void Job::render()
   uint64_t fewest = ~uint64_t(0);
   for (const Region &r : regions_) fewest = std::min(fewest, r.num_samples);
   frame_->set_outcome(desc_.tile_size, desc_.schedule,
-                      fmt::format("pipeline {}; stopped at {} samples per pixel: {}",
-                                  pipeline_name(desc_.pipeline), fewest, reason));
+                      fmt::format("pipeline {}{}; stopped at {} samples per pixel: {}",
+                                  pipeline_name(desc_.pipeline), photon_reason_, fewest, reason));
   share_ = 1;
   // A job that found nothing to do has done all of it too.
   const double done = std::max(1.0, double(done_));

@@ -42,6 +42,10 @@ class Job {
   bool render_to(uint64_t num_samples);
   void render_pass(std::span<const WorkUnit> units);
   std::vector<Region> plan() const;
+  void prepare_photons();
+  bool try_photons(const std::shared_ptr<Frame> &frame, const PhotonSettings &settings,
+                   uint64_t num_passes) const;
+  PhotonSettings tune_photons(const PhotonSettings &settings, float widest_radius);
   bool has_photons() const { return desc_.pipeline == GPURT_PIPELINE_PHOTON; }
   uint64_t pass_samples(uint64_t num_samples, uint64_t from) const;
   double elapsed_seconds() const;
@@ -61,6 +65,7 @@ class Job {
   std::vector<Region> regions_;
   EmissionTable emission_;  // of photon mapping
   PhotonRequest photon_request_{};
+  std::string photon_reason_;  // why its settings are not the usual ones; empty: they are
   double start_seconds_ = 0;
   double seconds_per_path_ = 0;  // wall time, of the last pass, or of all for photons; 0: not measured yet
   double last_seconds_per_path_ = 0;  // of the last pass

@@ -14,7 +14,7 @@ namespace gpurt {
 
 namespace {
 
-constexpr uint32_t fewest_photons = 1u << 14, most_photons = 1u << 22;  // of a pass, by default
+constexpr uint32_t fewest_photons = 1u << 14;  // of a pass, by default
 
 // Photons of a pass within the initial radius, at the visible points where they are dense: a twentieth of the points has
 // as many or more. Caustics want a radius of their own size; points in their neighbourhood then have fewer photons a
@@ -85,7 +85,7 @@ PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const
   if (made_with.photons_per_pass == 0) {
     if (s.photons_per_pass == 0)
       s.photons_per_pass =
-          uint32_t(std::clamp<uint64_t>(std::bit_ceil(num_pixels), fewest_photons, most_photons));
+          uint32_t(std::clamp<uint64_t>(std::bit_ceil(num_pixels), fewest_photons, most_default_photons));
     if (asked.kernel == GPURT_PHOTON_KERNEL_AUTO) s.kernel = PhotonKernel::Constant;
     if (asked.remedies == 0) s.remedies = all_remedies;
     if (asked.estimator == GPURT_PHOTON_ESTIMATOR_AUTO) s.estimator = PhotonEstimator::Memoryless;
@@ -116,12 +116,12 @@ PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const
   return made_with;
 }
 
-float choose_initial_radius(const CommittedScene &scene, const PathSettings &path,
-                            const EmissionView &emission, uint32_t photons_per_pass)
+InitialRadius choose_initial_radius(const CommittedScene &scene, const PathSettings &path,
+                                    const EmissionView &emission, uint32_t photons_per_pass)
 {
   // Where nothing is gathered any radius does.
   const float largest = emission.radius > 0 ? emission.radius : 1.0f;
-  if (!emission.cdf) return largest * 0x1p-7f;
+  if (!emission.cdf) return {largest * 0x1p-7f, largest};
   // A large pass stands for several of the pilot's size, whose radii would have fallen as the cube root of their number: it
   // gets the radius that they end with. The pilot's photons are denser or sparser than those of the pass that the radius is
   // for: an area that has n of the pass has this many of the pilot. At least one photon tells a distance.
@@ -157,10 +157,11 @@ float choose_initial_radius(const CommittedScene &scene, const PathSettings &pat
   }
   const double spacing = spacing_of(pilot.points);
   const float widest = spacing > 0 ? std::min(float(radius_over_spacing * spacing), largest) : largest;
-  if (radii.empty()) return std::min(largest * (pilot.num_photons == 0 ? 0x1p-7f : 0x1p-3f), widest);
+  if (radii.empty())
+    return {std::min(largest * (pilot.num_photons == 0 ? 0x1p-7f : 0x1p-3f), widest), widest};
   const auto chosen = radii.begin() + std::ptrdiff_t(share_of_points * double(radii.size()));
   std::nth_element(radii.begin(), chosen, radii.end());
-  return std::clamp(std::min(*chosen, widest), largest * 0x1p-20f, largest);
+  return {std::clamp(std::min(*chosen, widest), largest * 0x1p-20f, largest), widest};
 }
 
 }  // namespace gpurt

@@ -12,9 +12,15 @@ namespace gpurt {
 PhotonSettings resolve_photon_settings(const gpurt_photon_settings &asked, const PhotonSettings &made_with,
                                        uint64_t num_pixels);
 
+/// The largest number that a job chooses by itself.
+constexpr uint32_t most_default_photons = 1u << 22;
+
 /// The radius that follows from a pilot: where photons are dense, about ten of a pass lie within it, as long as its discs
-/// are small in the picture.
-float choose_initial_radius(const CommittedScene &scene, const PathSettings &path,
-                            const EmissionView &emission, uint32_t photons_per_pass);
+/// are small in the picture: that of discs which are just so small is `widest`.
+struct InitialRadius {
+  float radius, widest;
+};
+InitialRadius choose_initial_radius(const CommittedScene &scene, const PathSettings &path,
+                                    const EmissionView &emission, uint32_t photons_per_pass);
 
 }  // namespace gpurt

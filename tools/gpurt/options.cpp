@@ -175,13 +175,15 @@ Device DeviceOptions::create(gpurt_device_type type) const
 void PhotonOptions::add_to(CLI::App &command)
 {
   command
-      .add_option(
-          "--photons", photons,
-          "photon mapping: photons of a pass, which is one sample of every pixel; 0: about one a pixel")
+      .add_option("--photons", photons,
+                  "photon mapping: photons of a pass, which is one sample of every pixel; 0: about one a "
+                  "pixel, with --time by trials")
       ->type_name("N")
       ->capture_default_str();
   command
-      .add_option("--radius", radius, "photon mapping: radius of the first pass in metres; 0: from the scene")
+      .add_option(
+          "--radius", radius,
+          "photon mapping: radius of the first pass in metres; 0: from the scene, with --time by trials")
       ->check(not_negative)
       ->type_name("R")
       ->capture_default_str();

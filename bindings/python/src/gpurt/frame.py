@@ -197,8 +197,8 @@ class Frame:
             "counted", "refilled"), ray_budget. What is left out is "auto", the library's choice.
         :param photon: settings of the pipeline "photon", by name: photons_per_pass, initial_radius (metres), estimator
             ("memoryless", "per_pixel", "adaptive"), kernel ("constant", "cone"), remedies (any of "normal", "plane",
-            "side", "boundary", "continue"; () for none). What is left out is the library's choice, or what the frame's samples were
-            made with.
+            "side", "boundary", "continue"; () for none). What is left out is the library's choice, with a
+            time by trial passes, or what the frame's samples were made with.
         :param reyes: settings of the pipeline "reyes", by name: shading_rate (the area of a micropolygon in pixels),
             filter ("box", "gaussian", "mitchell"), shading ("samples", "micropolygons", "blocks"), shadows (False:
             nothing stands between a surface and a light), flatness (> 0: micropolygons may be larger, with

@@ -16,9 +16,10 @@ use crate::{sys, PhotonEstimator, PhotonKernel, PhotonRemedy, ReyesFilter, Reyes
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhotonSettings {
-    /// Photons that are emitted for each sample of the pixels; 0: about one for each pixel of the frame.
+    /// Photons that are emitted for each sample of the pixels; 0: about one for each pixel of the frame; where it
+    /// renders for a time, chosen by trials.
     pub photons_per_pass: u32,
-    /// Of the first pass, in metres; 0: from the scene.
+    /// Of the first pass, in metres; 0: from the scene; where it renders for a time, chosen by trials.
     pub initial_radius: f32,
     /// How photons become radiance.
     pub estimator: PhotonEstimator,
