@@ -10,8 +10,8 @@ namespace gpurt::cuda {
 namespace {
 
 // Empty entries before a photon's: those of short gaps are filled by its thread, of longer ones by its warp, and of the
-// longest by all blocks of a kernel of their own.
-constexpr uint32_t max_thread_gap = 4, max_warp_gap = 4096;
+// longest piece by piece by the blocks of a kernel of their own.
+constexpr uint32_t max_thread_gap = 4, max_warp_gap = 4096, gap_piece = 1u << 14;
 
 struct Gap {
   uint32_t begin, end;  // entries that start at
@@ -42,7 +42,9 @@ Layout layout_of(uint32_t table_size, uint64_t n)
   layout.sorted_keys = 2 * words;
   layout.sorted_indices = 3 * words;
   layout.gaps = 4 * words;
-  layout.num_gaps = layout.gaps + align((uint64_t(table_size) / max_warp_gap + 2) * sizeof(Gap));
+  // A gap has a piece that is not full, at most.
+  const uint64_t most_gaps = table_size / max_warp_gap + table_size / gap_piece + 2;
+  layout.num_gaps = layout.gaps + align(most_gaps * sizeof(Gap));
   layout.sort = layout.num_gaps + 256;
   const uint32_t *from = nullptr;
   uint32_t *to = nullptr;
@@ -73,7 +75,9 @@ __device__ void fill_gap(uint32_t *starts, Gap gap, Gap *gaps, uint32_t *num_gap
   if (length <= max_thread_gap) {
     for (uint32_t e = gap.begin; e < gap.end; ++e) starts[e] = gap.value;
   } else if (length > max_warp_gap) {
-    gaps[atomicAdd(num_gaps, 1u)] = gap;
+    uint32_t place = atomicAdd(num_gaps, (length + gap_piece - 1) / gap_piece);
+    for (uint32_t e = gap.begin; e < gap.end; e += gap_piece)
+      gaps[place++] = {e, min(e + gap_piece, gap.end), gap.value};
   }
   unsigned waiting = __ballot_sync(~0u, length > max_thread_gap && length <= max_warp_gap);
   while (waiting != 0) {
@@ -121,10 +125,9 @@ __global__ void __launch_bounds__(block_size)
     gap_kernel(uint32_t *starts, const Gap *gaps, const uint32_t *num_gaps)
 {
   const uint32_t num = *num_gaps;
-  for (uint32_t g = 0; g < num; ++g) {
+  for (uint32_t g = blockIdx.x; g < num; g += gridDim.x) {
     const Gap gap = gaps[g];
-    for (uint64_t e = gap.begin + thread_item(); e < gap.end; e += uint64_t(gridDim.x) * block_size)
-      starts[e] = gap.value;
+    for (uint32_t e = gap.begin + threadIdx.x; e < gap.end; e += block_size) starts[e] = gap.value;
   }
 }
 

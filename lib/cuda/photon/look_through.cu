@@ -7,6 +7,8 @@ namespace gpurt::cuda {
 namespace {
 
 constexpr unsigned num_blocks = 1024;
+// Points are read from memory, not from a cache: more threads wait for it.
+constexpr unsigned num_point_blocks = 4096;
 
 // Bits that are ordered as the floats are.
 __host__ __device__ uint32_t ordered_bits(float x)
@@ -89,7 +91,7 @@ void launch_look_through(const PhotonSource &source, DevicePointsFound *found, P
 {
   launch_blocks("kernel that looks through points", begin_kernel, 1, 1, stream, found);
   if (source.num_photons == 0) return;
-  launch_blocks("kernel that looks through points", look_through_kernel, num_blocks, block_size, stream,
+  launch_blocks("kernel that looks through points", look_through_kernel, num_point_blocks, block_size, stream,
                 source, found, packed);
 }
 
