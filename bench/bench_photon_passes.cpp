@@ -13,7 +13,7 @@
 //   emit     a photon, its ray and what it leaves out are written
 //   rays     a ray is read, a hit written
 //   scatter  hit, photon and ray are read; the photon that stays is written, and the one that goes on as in emit
-//   build    records are looked through; keys are made, sorted by 8 bits at a time, and records moved to their places
+//   build    keys are made of the records, sorted by 8 bits at a time, and records moved to their places
 //   gather   a probe and a rest for each photon that counts
 //   eye      a ray is read and a hit written, a path's state read and written; shadow rays alike without a state
 // The film is left out: threads of the host add it, once for many passes.
@@ -111,7 +111,7 @@ std::vector<Stage> stages_of(const gpurt_statistics &s)
       {"scatter", p.scatter_seconds,
        rays * (hit_bytes + photon_bytes + ray_bytes) + stored * photon_bytes + (rays - emitted) * flying},
       {"build", p.build_seconds,
-       stored * (2 * photon_bytes + sorting + 2 * word_bytes + photon_bytes + probe_bytes + rest_bytes)},
+       stored * (photon_bytes + sorting + 2 * word_bytes + photon_bytes + probe_bytes + rest_bytes)},
       {"gather", p.gather_seconds, double(p.num_gathered) * (probe_bytes + rest_bytes)},
       {"eye rays", s.trace_seconds, eye_rays * (ray_bytes + hit_bytes)},
       {"eye shade", s.shade_seconds,

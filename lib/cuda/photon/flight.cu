@@ -93,7 +93,12 @@ __global__ void __launch_bounds__(block_size)
     }
   }
   const uint32_t record_place = take_place(made.has_record, &numbers->stored, record_places);
-  if (made.has_record) store_record(records + record_place, made.record);
+  Box reached = empty_box();
+  if (made.has_record) {
+    store_record(records + record_place, made.record);
+    if (is_finite(made.record.position)) reached = {made.record.position, made.record.position};
+  }
+  extend_bounds(&numbers->bounds, reached);
   const uint32_t next_place = take_place(made.has_next, &numbers->next, next_places);
   if (made.has_next) {
     to.photons[next_place] = {photon.flux, photon.id, photon.key.seed, photon.key.reversed_index,

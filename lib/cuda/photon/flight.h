@@ -9,6 +9,7 @@
 
 #include "core/photon/photon_wave.h"
 #include "cuda/accel/kernels.h"
+#include "cuda/photon/device_bounds.h"
 
 namespace gpurt::cuda {
 
@@ -35,9 +36,10 @@ static_assert(max_photon_depth < 1u << slot_shift);
 
 // What steps count, in device memory.
 struct FlightNumbers {
-  uint32_t next;     // photons that go on, of one step
-  uint32_t stored;   // records of the map so far
-  uint32_t missing;  // photons of the passes that carry nothing
+  uint32_t next;        // photons that go on, of one step
+  uint32_t missing;     // photons of the passes that carry nothing
+  uint32_t stored;      // records of the map so far
+  DeviceBounds bounds;  // of these
 };
 
 /// What all photons of passes that fly together share.
@@ -56,8 +58,8 @@ struct PhotonFlight {
 void launch_emit_photons(const PhotonFlight &flight, const PhotonQueue &queue, uint32_t first, uint32_t place,
                          uint32_t n, FlightNumbers *numbers, cudaStream_t stream);
 
-/// What n photons leave behind, into records[numbers->stored ...], which has room for all of them, and those that go on
-/// into `to`, numbers->next of them.
+/// What n photons leave behind, into records[numbers->stored ...], which has room for all of them and whose bounds grow by
+/// theirs, and those that go on into `to`, numbers->next of them.
 void launch_scatter_photons(const PhotonFlight &flight, const PhotonQueue &from, const Hit *hits, uint32_t n,
                             const PhotonQueue &to, Photon *records, FlightNumbers *numbers,
                             cudaStream_t stream);

@@ -5,19 +5,19 @@
 
 #include "core/photon/node_lists.h"
 #include "core/photon/photon_source.h"
+#include "cuda/photon/device_bounds.h"
 
 namespace gpurt::cuda {
 
-/// What looking through points finds, in device memory. Floats are ordered_bits.
+/// What looking through points finds, in device memory.
 struct DevicePointsFound {
-  uint32_t lo[3], hi[3];
+  DeviceBounds bounds;                          // of those that are finite
   uint32_t bad_position, bad_flux, bad_normal;  // the first index; invalid_id: none
 };
 /// `packed`, if not null, gets the records of a source that has none: what is moved later then lies in one sector, not three.
 /// Those of points that are not allowed have no meaning.
 void launch_look_through(const PhotonSource &source, DevicePointsFound *found, Photon *packed,
                          cudaStream_t stream);
-Box bounds_of(const DevicePointsFound &found);
 
 /// How the points of a grid fill its table.
 struct DeviceFill {

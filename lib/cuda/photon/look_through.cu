@@ -10,29 +10,9 @@ constexpr unsigned num_blocks = 1024;
 // Points are read from memory, not from a cache: more threads wait for it.
 constexpr unsigned num_point_blocks = 4096;
 
-// Bits that are ordered as the floats are.
-__host__ __device__ uint32_t ordered_bits(float x)
-{
-  const uint32_t bits = float_bits(x);
-  return (bits & 0x80000000u) != 0 ? ~bits : bits | 0x80000000u;
-}
-__host__ __device__ float from_ordered_bits(uint32_t bits)
-{
-  return float_from_bits((bits & 0x80000000u) != 0 ? bits & 0x7fffffffu : ~bits);
-}
-
 __device__ bool is_flux(Vec3f f)
 {
   return f.x >= 0.0f && f.y >= 0.0f && f.z >= 0.0f && max_component(f) <= max_photon_flux;
-}
-
-__global__ void begin_kernel(DevicePointsFound *found)
-{
-  for (int k = 0; k < 3; ++k) {
-    found->lo[k] = ordered_bits(infinity);
-    found->hi[k] = ordered_bits(-infinity);
-  }
-  found->bad_position = found->bad_flux = found->bad_normal = invalid_id;
 }
 
 __global__ void __launch_bounds__(block_size)
@@ -53,14 +33,7 @@ __global__ void __launch_bounds__(block_size)
       to[1] = {__uint_as_float(p.direction), __uint_as_float(p.normal), __uint_as_float(p.id), 0.0f};
     }
   }
-  for (int k = 0; k < 3; ++k) {
-    const uint32_t lo = warp_min(ordered_bits(at(bounds.lo, k))),
-                   hi = warp_max(ordered_bits(at(bounds.hi, k)));
-    if (threadIdx.x % 32 == 0) {
-      atomicMin(&found->lo[k], lo);
-      atomicMax(&found->hi[k], hi);
-    }
-  }
+  extend_bounds(&found->bounds, bounds);
   if (bad_position != invalid_id) atomicMin(&found->bad_position, bad_position);
   if (bad_flux != invalid_id) atomicMin(&found->bad_flux, bad_flux);
   if (bad_normal != invalid_id) atomicMin(&found->bad_normal, bad_normal);
@@ -89,18 +62,12 @@ __global__ void __launch_bounds__(block_size)
 void launch_look_through(const PhotonSource &source, DevicePointsFound *found, Photon *packed,
                          cudaStream_t stream)
 {
-  launch_blocks("kernel that looks through points", begin_kernel, 1, 1, stream, found);
+  check(cudaMemsetAsync(&found->bounds, 0, sizeof found->bounds, stream), "cudaMemsetAsync");
+  // Three times invalid_id.
+  check(cudaMemsetAsync(&found->bad_position, 0xff, 3 * sizeof(uint32_t), stream), "cudaMemsetAsync");
   if (source.num_photons == 0) return;
   launch_blocks("kernel that looks through points", look_through_kernel, num_point_blocks, block_size, stream,
                 source, found, packed);
-}
-
-Box bounds_of(const DevicePointsFound &found)
-{
-  const auto vector = [](const uint32_t(&bits)[3]) {
-    return Vec3f{from_ordered_bits(bits[0]), from_ordered_bits(bits[1]), from_ordered_bits(bits[2])};
-  };
-  return {vector(found.lo), vector(found.hi)};
 }
 
 void launch_fill(const uint32_t *starts, uint32_t table_size, DeviceFill *fill, cudaStream_t stream)

@@ -55,7 +55,7 @@ PointsFound read_found(const DeviceBuffer<DevicePointsFound> &buffer, Lane &lane
 {
   const DevicePointsFound found = read_value(buffer, lane);
   const auto index = [](uint32_t i) { return i == invalid_id ? UINT64_MAX : uint64_t(i); };
-  return {bounds_of(found), index(found.bad_position), index(found.bad_flux), index(found.bad_normal)};
+  return {bounds_of(found.bounds), index(found.bad_position), index(found.bad_flux), index(found.bad_normal)};
 }
 
 }  // namespace

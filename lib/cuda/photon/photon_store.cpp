@@ -13,7 +13,6 @@ struct FlightArrays {
   Hit *hits;
   uint32_t *trace_scratch;
   FlightNumbers *numbers;
-  DevicePointsFound *found;
   uint64_t bytes;
 };
 
@@ -27,7 +26,6 @@ FlightArrays lay_out(std::byte *base, uint64_t n, bool has_media)
   a.hits = layout.take<Hit>(n);
   a.trace_scratch = layout.take<uint32_t>(trace_scratch_words(n));
   a.numbers = layout.take<FlightNumbers>(1);
-  a.found = layout.take<DevicePointsFound>(1);
   a.bytes = layout.bytes();
   return a;
 }
@@ -60,7 +58,6 @@ PhotonStore::PhotonStore(PassQueue &queue, uint32_t capacity, uint32_t most_slot
   hits_ = a.hits;
   trace_scratch_ = a.trace_scratch;
   numbers_ = a.numbers;
-  found_ = a.found;
   // A map that a few steps fill would be built, and gathered from, all too often.
   const uint64_t wanted = steps_per_map * capacity, affordable = this->affordable();
   if (affordable < wanted) {
@@ -148,7 +145,10 @@ const FlightNumbers &PhotonStore::read_numbers()
 bool PhotonStore::trace()
 {
   num_stored_ = 0;
-  check(cudaMemsetAsync(&numbers_->stored, 0, sizeof numbers_->stored, queue_.stream), "cudaMemsetAsync");
+  bounds_ = empty_box();
+  check(cudaMemsetAsync(&numbers_->stored, 0, sizeof *numbers_ - offsetof(FlightNumbers, stored),
+                        queue_.stream),
+        "cudaMemsetAsync");
   while (!is_last()) {
     if (queue_.is_cancelled()) return false;
     const uint32_t num_new = std::min(capacity_ - num_flying_, num_emitted_ - num_started_);
@@ -169,6 +169,7 @@ bool PhotonStore::trace()
     const FlightNumbers numbers = read_numbers();
     num_flying_ = numbers.next;
     num_stored_ = numbers.stored;
+    bounds_ = bounds_of(numbers.bounds);
     from_ = 1 - from_;
     counters.num_rays += n;
     if (is_last()) counters.num_rays -= numbers.missing;
@@ -182,13 +183,7 @@ bool PhotonStore::trace()
 PhotonGrid PhotonStore::build(float radius)
 {
   const PhotonSource source{map_->records.data(), nullptr, nullptr, nullptr, num_stored_};
-  launch_look_through(source, found_, nullptr, queue_.stream);
-  check(cudaMemcpyAsync(queue_.numbers, found_, sizeof *found_, cudaMemcpyDeviceToHost, queue_.stream),
-        "cudaMemcpyAsync");
-  check(cudaStreamSynchronize(queue_.stream), "cudaStreamSynchronize");
-  const auto &found = *reinterpret_cast<const DevicePointsFound *>(queue_.numbers);
-  const GridShape shape =
-      make_grid_shape(num_stored_ != 0 ? bounds_of(found) : empty_box(), radius, num_stored_ / num_slots_);
+  const GridShape shape = make_grid_shape(bounds_, radius, num_stored_ / num_slots_);
   if (grid_build_bytes(shape, source.num_photons, num_slots_) > map_->work_bytes)
     fail(GPURT_ERROR_INTERNAL, "a grid of {} photons wants more memory than one of {}", num_stored_,
          map_->capacity);

@@ -47,7 +47,6 @@ class PhotonStore {
   Hit *hits_ = nullptr;
   uint32_t *trace_scratch_ = nullptr;
   FlightNumbers *numbers_ = nullptr;
-  DevicePointsFound *found_ = nullptr;
 
   struct Map {
     uint64_t capacity;
@@ -64,6 +63,7 @@ class PhotonStore {
   uint32_t num_slots_ = 1, num_emitted_ = 0, num_started_ = 0, num_flying_ = 0;
   int from_ = 0;  // the queue that the photons in flight are in
   uint64_t num_stored_ = 0;
+  Box bounds_ = empty_box();  // of the records
 };
 
 }  // namespace gpurt::cuda
