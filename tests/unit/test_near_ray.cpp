@@ -114,7 +114,8 @@ void meet_boxes(bool are_far)
       const int k = int(rng.below(3));
       ray.origin = target;
       set(ray.origin, k, at(from, k));
-      ray.direction = {0, 0, 0};
+      const float zero = i % 2 ? -0.0f : 0.0f;
+      ray.direction = {zero, zero, zero};
       set(ray.direction, k, at(target, k) - at(from, k));
     }
     NearRay near = {};
@@ -175,6 +176,14 @@ TEST(NearRay, RefusesWhatIsNotOrdinary)
   for (size_t i = 0; i < bad.size(); ++i) {
     EXPECT_FALSE(make_near_ray(bad[i], tree, near)) << i;
     if (i != 0) EXPECT_FALSE(make_far_ray(bad[i], tree, near, widening)) << i;
+  }
+  for (int k = 0; k < 3; ++k) {  // whichever is looked at last
+    Ray none = good;
+    set(none.origin, k, nan);
+    EXPECT_FALSE(make_near_ray(none, tree, near)) << k;
+    none = good;
+    set(none.direction, k, nan);
+    EXPECT_FALSE(make_near_ray(none, tree, near)) << k;
   }
   EXPECT_FALSE(make_far_ray({{1e16f, 0, 0}, 0.0f, {-1, 0, 0}, infinity}, tree, near, widening));
   // A tree so large that products might overflow.

@@ -93,7 +93,7 @@ GPURT_INLINE bool make_kd_quad_ray(const Ray &ray, const KdQuadView &tree, NearR
   q.a = 0.0f;
   q.b = ray.tmax + r.end_offset;
   const auto prepare = [&](float d, float o, float below, float above, KdQuadAxis &axis) {
-    const float size = min(n.limit, abs(fast_reciprocal(d)));
+    const float size = at_most(n.limit, size_of(fast_reciprocal(d)));
     const float inverse = d < 0.0f ? -size : size;
     const float widening = n.farthest * 0x1p-18f * size + 0x1p-146f;
     axis.scale = inverse * unit;

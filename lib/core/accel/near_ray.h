@@ -43,6 +43,13 @@ GPURT_INLINE float fast_reciprocal(float x)
   asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(r) : "f"(x));
   return r;
 }
+// 1/x as it is rounded, of x that are neither too large nor too small for 1/x to be normal: what division does for these, without
+// looking whether x is one.
+GPURT_INLINE float normal_reciprocal(float x)
+{
+  const float r = fast_reciprocal(x);
+  return fma(r, -fma(x, r, -1.0f), r);
+}
 // Of three floats, and a fourth, as integers, which takes half the instructions: integers order positive floats as floats
 // do, and negative ones below them, the other way round. The maximum with 0 is exact; a minimum below 0 stays below 0. What
 // is not a number counts as very large.
@@ -58,6 +65,7 @@ GPURT_INLINE float loose_min(float a, float b, float c, float d)
 }
 #else
 GPURT_INLINE float fast_reciprocal(float x) { return 1.0f / x; }
+GPURT_INLINE float normal_reciprocal(float x) { return 1.0f / x; }
 GPURT_INLINE float loose_max(float a, float b, float c, float d)
 {
   return at_least(at_least(at_least(d, a), b), c);
@@ -67,6 +75,10 @@ GPURT_INLINE float loose_min(float a, float b, float c, float d)
   return at_most(at_most(at_most(d, a), b), c);
 }
 #endif
+
+// As abs() and max_component(), in half the instructions of a GPU; a component that is not a number may be missed.
+GPURT_INLINE Vec3f sizes_of(Vec3f v) { return {size_of(v.x), size_of(v.y), size_of(v.z)}; }
+GPURT_INLINE float largest_of(Vec3f v) { return at_least(at_least(v.x, v.y), v.z); }
 
 // What a ray has in common with all trees that it may be near.
 struct NearBegin {
@@ -82,11 +94,11 @@ struct NearBegin {
 GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float reach, float t_share,
                                  NearRay &r, NearBegin &n)
 {
-  const Vec3f magnitude = abs(ray.direction);
-  const float largest = max_component(magnitude);
+  const Vec3f magnitude = sizes_of(ray.direction);
+  const float largest = largest_of(magnitude);
   n.offset = ray.origin - frame.center;
-  const Vec3f distance = abs(n.offset);
-  n.farthest = max_component(distance) + frame.half_extent;
+  const Vec3f distance = sizes_of(n.offset);
+  n.farthest = largest_of(distance) + frame.half_extent;
   // Not a number if one of them is none, which comparisons of the largest may miss.
   const float sum = (magnitude.x + magnitude.y + magnitude.z) + (distance.x + distance.y + distance.z);
   if (!(largest >= 0x1p-40f && largest <= 0x1p40f && sum < infinity && 2.0f * n.farthest <= reach &&
@@ -94,7 +106,7 @@ GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float re
     return false;
   r.main_axis = main_axis_of(ray.direction);
   const int kx = r.main_axis == 2 ? 0 : r.main_axis + 1, ky = kx == 2 ? 0 : kx + 1;
-  r.sz = 1.0f / at(ray.direction, r.main_axis);
+  r.sz = normal_reciprocal(at(ray.direction, r.main_axis));
   r.sx = at(ray.direction, kx) * r.sz;
   r.sy = at(ray.direction, ky) * r.sz;
   r.origin = ray.origin;
@@ -110,8 +122,8 @@ GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float re
 GPURT_INLINE void clip_from(const Ray &ray, const NearBegin &n, NearRay &r)
 {
   const auto prepare = [&](float d, float o, float &inverse, float &size, float &shift) {
-    size = min(n.limit, abs(fast_reciprocal(d)));
-    inverse = d < 0.0f ? -size : size;
+    size = at_most(n.limit, size_of(fast_reciprocal(d)));
+    inverse = copysign(size, d);
     shift = -(o * inverse) - n.begin;
   };
   prepare(ray.direction.x, n.offset.x, r.inverse.x, r.size.x, r.shift.x);
