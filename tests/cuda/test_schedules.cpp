@@ -467,7 +467,8 @@ TEST(CudaSchedules, BudgetOfRaysBoundsMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   RenderOptions o;
-  o.width = o.height = uint32_t(amount(512, 64));
+  // So large that the queues are most of what is held at once.
+  o.width = o.height = uint32_t(amount(512, 256));
   o.spp = 4;
   uint64_t peaks[2];
   for (int i = 0; i < 2; ++i) {
@@ -476,7 +477,7 @@ TEST(CudaSchedules, BudgetOfRaysBoundsMemory)
     const Frame frame = make_frame(scene, o);
     gpurt_schedule schedule = GPURT_SCHEDULE_INIT;
     schedule.generation = GPURT_GENERATION_COUNTED;
-    schedule.ray_budget = i == 0 ? 0 : amount(1 << 16, 1 << 12);
+    schedule.ray_budget = i == 0 ? 0 : amount(1 << 16, 1 << 14);
     submit_and_wait(frame, o, schedule);
     const gpurt_statistics s = statistics(frame);
     EXPECT_EQ(s.schedule.ray_budget, schedule.ray_budget);
