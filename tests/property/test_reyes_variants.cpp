@@ -106,6 +106,8 @@ TEST(ReyesVariants, MakeTheSameImage)
       {"a sample a pixel", false, false, false, samples, box, 1, 0.25f, 0},
       {"many samples", false, false, false, samples, GPURT_REYES_FILTER_MITCHELL, 70, 0.25f, 0},
       {"large micropolygons", false, false, false, samples, box, 9, 9.0f, 0},
+      {"micropolygons that vectors just take, and larger ones", false, false, false, samples, box, 9, 30.0f,
+       0},
       {"flat regions", false, false, false, samples, box, 9, 0.25f, 0.9f},
       {"alpha masks", true, false, false, samples, box, 9, 0.25f, 0},
       {"surfaces that blend", false, true, false, samples, box, 9, 0.25f, 0},
