@@ -277,10 +277,10 @@ void add_render_command(CLI::App &program)
       ->type_name("NAME")
       ->capture_default_str();
   command
-      ->add_option("--flatness", o->flatness,
-                   "reyes: micropolygons may be larger, with edges of up to 2.8 pixels, where they stay "
-                   "within PIXELS of the "
-                   "surface, which takes less time; 0: none are")
+      ->add_option(
+          "--flatness", o->flatness,
+          "reyes: micropolygons may be larger, with edges of up to 2.8 pixels, where they stay within PIXELS "
+          "of the surface; 0: none are")
       ->type_name("PIXELS");
   command
       ->add_option("--fragment-slots", o->fragment_slots,
