@@ -177,8 +177,8 @@ class Frame {
   mutable std::mutex host_mutex_;    // of whoever looks at the host's arrays where sums may be on the device
   mutable std::mutex device_mutex_;  // of what follows
   mutable OnDevice on_device_;
-  mutable bool has_host_arrays_ =
-      false;  // else their memory is as it came: no pixel has a sample there; under host_mutex_
+  // Else their memory is as it came: no pixel has a sample there; under host_mutex_.
+  mutable bool has_host_arrays_ = false;
   mutable std::vector<std::mutex> bands_;
   mutable std::mutex sets_mutex_;
   mutable std::mutex totals_mutex_;

@@ -11,6 +11,18 @@ namespace gpurt {
 
 namespace {
 
+constexpr bool is_same(FilmOutput a, gpurt_output b) { return uint32_t(a) == uint32_t(b); }
+static_assert(is_same(FilmOutput::Color, GPURT_OUTPUT_COLOR) &&
+              is_same(FilmOutput::Alpha, GPURT_OUTPUT_ALPHA) &&
+              is_same(FilmOutput::Depth, GPURT_OUTPUT_DEPTH) &&
+              is_same(FilmOutput::Normal, GPURT_OUTPUT_NORMAL) &&
+              is_same(FilmOutput::Albedo, GPURT_OUTPUT_ALBEDO) &&
+              is_same(FilmOutput::Position, GPURT_OUTPUT_POSITION) &&
+              is_same(FilmOutput::Primitive, GPURT_OUTPUT_PRIMITIVE) &&
+              is_same(FilmOutput::Instance, GPURT_OUTPUT_INSTANCE) &&
+              is_same(FilmOutput::SampleCount, GPURT_OUTPUT_SAMPLE_COUNT) &&
+              is_same(FilmOutput::Variance, GPURT_OUTPUT_VARIANCE));
+
 // What pixels with statistics of their own gathered: their flux over the area of the last gather, a sample.
 double gathered_color(const SumRow &row, uint32_t x, int half, int channel)
 {
@@ -100,18 +112,8 @@ const char *output_name(gpurt_output output)
 
 uint32_t num_components(gpurt_output output)
 {
-  switch (output) {
-    case GPURT_OUTPUT_COLOR:
-    case GPURT_OUTPUT_NORMAL:
-    case GPURT_OUTPUT_ALBEDO:
-    case GPURT_OUTPUT_POSITION:
-    case GPURT_OUTPUT_VARIANCE:
-    case GPURT_OUTPUT_BIAS:
-    case GPURT_OUTPUT_ERROR:
-      return 3;
-    default:
-      return 1;
-  }
+  if (output == GPURT_OUTPUT_BIAS || output == GPURT_OUTPUT_ERROR) return 3;
+  return num_values(FilmOutput(output));
 }
 
 bool moments_of(const SumRow &row, uint32_t x, PixelMoments &out)

@@ -32,15 +32,7 @@ class PhotonTrials : public testing::TestWithParam<gpurt_device_type> {
     commit(scene_, GPURT_ACCEL_BVH);
   }
 
-  Frame frame(uint64_t seed = 3)
-  {
-    gpurt_frame_desc desc = GPURT_FRAME_DESC_INIT;
-    desc.width = desc.height = side;
-    desc.seed = seed;
-    Frame frame;
-    GPURT_EXPECT_OK(gpurt_frame_create(scene_, &desc, frame.out()));
-    return frame;
-  }
+  Frame frame() { return make_frame(scene_, {.width = side, .height = side, .seed = 3}); }
 
   static gpurt_result render(gpurt_frame frame, uint32_t spp, double seconds,
                              const gpurt_photon_settings &photon)

@@ -69,10 +69,7 @@ void fill(gpurt_scene scene, bool holes, bool panes)
   uint32_t id;
   GPURT_EXPECT_OK(gpurt_scene_add_light(scene, &light, &id));
   add_camera(scene, {0.3f, 0.1f, 3}, 1.0f);
-  gpurt_build_desc build = GPURT_BUILD_DESC_INIT;
-  build.accel = GPURT_ACCEL_BVH;
-  build.patch_tolerance = 0.01f;
-  GPURT_EXPECT_OK(gpurt_scene_commit(scene, &build));
+  coarse_commit(scene);
 }
 
 // The variant that images are rendered with from now on; none: the best one.

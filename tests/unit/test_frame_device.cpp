@@ -296,9 +296,7 @@ TEST_F(FrameOnDevice, IsReadAndSavedWhileItIsRendered)
 {
   scene->path_time = std::chrono::microseconds(1);
   const auto frame = on_device.make(width, height), expected = fake.make(width, height);
-  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
-  desc.samples_per_pixel = 200;
-  const auto job = Job::submit(frame, desc, {});
+  const auto job = submit(frame, 200);
   const std::string file = testing::TempDir() + "/gpurt_while.gpurt";
   for (int i = 0; i < 20; ++i) {
     read_all(*frame);
@@ -317,9 +315,7 @@ TEST_F(FrameOnDevice, WasCancelledAndGoesOn)
 {
   scene->path_time = std::chrono::microseconds(5);
   const auto frame = on_device.make(width, height), expected = fake.make(width, height);
-  gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
-  desc.samples_per_pixel = 60;
-  const auto job = Job::submit(frame, desc, {});
+  const auto job = submit(frame, 60);
   while (statistics(*frame).num_samples == 0) std::this_thread::yield();
   job->cancel();
   error_of([&] { job->wait(GPURT_WAIT_FOREVER); });

@@ -136,13 +136,18 @@ struct FakeFrame {
   }
 };
 
-inline void render(const std::shared_ptr<Frame> &frame, uint32_t samples_per_pixel,
-                   std::vector<gpurt_tile> tiles = {}, uint32_t tile_size = 0)
+inline std::shared_ptr<Job> submit(const std::shared_ptr<Frame> &frame, uint32_t samples_per_pixel,
+                                   std::vector<gpurt_tile> tiles = {}, uint32_t tile_size = 0)
 {
   gpurt_render_desc desc = GPURT_RENDER_DESC_INIT;
   desc.samples_per_pixel = samples_per_pixel;
   desc.tile_size = tile_size;
-  Job::submit(frame, desc, tiles)->wait(GPURT_WAIT_FOREVER);
+  return Job::submit(frame, desc, tiles);
+}
+inline void render(const std::shared_ptr<Frame> &frame, uint32_t samples_per_pixel,
+                   std::vector<gpurt_tile> tiles = {}, uint32_t tile_size = 0)
+{
+  submit(frame, samples_per_pixel, tiles, tile_size)->wait(GPURT_WAIT_FOREVER);
 }
 
 template <class T>

@@ -294,7 +294,8 @@ TEST_F(Pieces, AreSeenWhereTheirPointsAre)
       // It lies in the rectangle, or on its rim.
       const float left = k % 2 == 0 ? x : x - uniform(0, 3), top = k % 3 == 0 ? y : y - uniform(0, 3);
       const RasterRect rect{left, top, std::max(x, left + uniform(0, 3)), std::max(y, top + uniform(0, 3))};
-      ASSERT_TRUE(can_be_seen(patch, part, piece, largest, rect))
+      const PieceHull hull = hull_of_piece(patch, part, piece);
+      ASSERT_TRUE(can_be_seen(hull.x, hull.y, hull.w, hull.n, largest, rect))
           << "patch " << i << ", u " << parameter(u) << ", v " << parameter(v) << ", at " << x << ' ' << y;
     }
   }

@@ -60,6 +60,13 @@ struct ProjectedHull {
   float least_w;
 };
 
+// What a piece lies in the hull of: its control points, and corners that were moved out of its range. Arrays have room for whole
+// lanes of eight.
+struct PieceHull {
+  float x[24], y[24], w[24];
+  int n;
+};
+
 // The largest of raster_square of a piece's second differences.
 struct SecondDifferences {
   float uu, uv, vv;
@@ -299,26 +306,24 @@ GPURT_HD inline uint32_t split_piece(const Piece &p, PieceAction action, Piece (
   return 4;
 }
 
-// Whether a piece can be seen in a rectangle: by its control points, and by corners that were moved out of its range.
-GPURT_HD inline bool can_be_seen(const RasterPatch &patch, const RasterPatch &part, const Piece &p,
-                                 RasterPoint largest, const RasterRect &rect)
+GPURT_HD inline PieceHull hull_of_piece(const RasterPatch &patch, const RasterPatch &part, const Piece &p)
 {
-  float x[20], y[20], w[20];
+  PieceHull h;
   for (int i = 0; i < 16; ++i) {
-    x[i] = part.x[i];
-    y[i] = part.y[i];
-    w[i] = part.w[i];
+    h.x[i] = part.x[i];
+    h.y[i] = part.y[i];
+    h.w[i] = part.w[i];
   }
-  int n = 16;
+  h.n = 16;
   for (uint32_t k = 0; k < 4; ++k) {
     const uint32_t u = k & 1 ? p.u + (1u << p.u_bits) : p.u, v = k & 2 ? p.v + (1u << p.v_bits) : p.v;
     if (p.corner_u[k] == u && p.corner_v[k] == v) continue;
     const RasterPoint q = patch_point(patch, p.corner_u[k], p.corner_v[k]);
-    x[n] = q.x;
-    y[n] = q.y;
-    w[n++] = q.w;
+    h.x[h.n] = q.x;
+    h.y[h.n] = q.y;
+    h.w[h.n++] = q.w;
   }
-  return can_be_seen(x, y, w, n, largest, rect);
+  return h;
 }
 
 // log2 of the segments that an edge with vertices 2^distance apart has within a range of 2^bits.

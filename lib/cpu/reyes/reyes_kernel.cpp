@@ -43,20 +43,21 @@ struct PieceBounds {
   float z;         // 1 / w
 };
 
-// Of the hull of n points before the eye, with its vertices' rounding; arrays have room for whole lanes. False: it reaches to the
-// eye, or far beside the image.
-bool bounds_of_points(float *x, float *y, float *w, uint32_t n, RasterPoint largest,
-                      const RasterProjection &projection, PieceBounds &bounds)
+// Of a hull before the eye, which is filled up to whole lanes, with its vertices' rounding. False: it reaches to the eye, or far
+// beside the image.
+bool bounds_of_hull(PieceHull &hull, RasterPoint largest, const RasterProjection &projection,
+                    PieceBounds &bounds)
 {
-  for (; n % num_lanes != 0; ++n) {
-    x[n] = x[0];
-    y[n] = y[0];
-    w[n] = w[0];
+  static_assert(sizeof hull.x % sizeof(FloatLanes) == 0);
+  for (; hull.n % int(num_lanes) != 0; ++hull.n) {
+    hull.x[hull.n] = hull.x[0];
+    hull.y[hull.n] = hull.y[0];
+    hull.w[hull.n] = hull.w[0];
   }
   FloatLanes low_x = lanes(infinity), low_y = low_x, low_w = low_x, high_x = -low_x, high_y = -low_x;
-  for (uint32_t i = 0; i < n; i += num_lanes) {
-    const FloatLanes pw = load_lanes(w + i), inv_w = 1.0f / pw, px = load_lanes(x + i) * inv_w,
-                     py = load_lanes(y + i) * inv_w;
+  for (int i = 0; i < hull.n; i += int(num_lanes)) {
+    const FloatLanes pw = load_lanes(hull.w + i), inv_w = 1.0f / pw, px = load_lanes(hull.x + i) * inv_w,
+                     py = load_lanes(hull.y + i) * inv_w;
     low_x = min(low_x, px);
     low_y = min(low_y, py);
     low_w = min(low_w, pw);
@@ -85,18 +86,26 @@ bool bounds_of_points(float *x, float *y, float *w, uint32_t n, RasterPoint larg
   return true;
 }
 
+// Which of the scene's ranges a root belongs to; as range_of_root, for roots whose neighbours are looked at next.
+uint32_t range_index_of_root(const ReyesScene &scene, uint64_t root)
+{
+  uint32_t lo = 0, hi = scene.num_ranges;
+  while (hi - lo > 1) {
+    const uint32_t mid = lo + (hi - lo) / 2;
+    if (scene.ranges[mid].first_root <= root) lo = mid;
+    else hi = mid;
+  }
+  return lo;
+}
+
 void bound_roots(const ReyesScene &scene, const Camera &camera, uint64_t first, uint32_t n, RasterBox *boxes,
                  float *least_w)
 {
   const RasterProjection projection = raster_projection(camera);
-  uint32_t r = 0;
+  // Roots ascend: the first one finds its range, later ones move on.
+  uint32_t r = range_index_of_root(scene, first);
   for (uint32_t i = 0; i < n; ++i) {
     const uint64_t root = first + i;
-    // Roots ascend: the first one finds its range, later ones move on.
-    if (i == 0) {
-      const RootRange range = range_of_root(scene, root);
-      while (scene.ranges[r].segment != range.segment || scene.ranges[r].placement != range.placement) ++r;
-    }
     while (scene.ranges[r + 1].first_root <= root) ++r;
     const RootRange &range = scene.ranges[r];
     const uint32_t primitive = uint32_t(root - range.first_root);
@@ -153,12 +162,13 @@ class PatchPipeline {
       sub_patch(patch.x, u0, u1, v0, v1, part.x);
       sub_patch(patch.y, u0, u1, v0, v1, part.y);
       sub_patch(patch.w, u0, u1, v0, v1, part.w);
-      if (!can_be_seen(patch, part, piece, largest, rect_)) {
+      PieceHull hull = hull_of_piece(patch, part, piece);
+      if (!can_be_seen(hull.x, hull.y, hull.w, hull.n, largest, rect_)) {
         counters_.num_culled++;
         continue;
       }
       PieceBounds bounds;
-      const bool is_bounded = bound_piece(patch, part, piece, largest, bounds);
+      const bool is_bounded = bounds_of_hull(hull, largest, projection_, bounds);
       if (is_bounded && sampler_.hides(bounds.box, bounds.z)) {
         counters_.num_culled++;
         continue;
@@ -185,26 +195,6 @@ class PatchPipeline {
   }
 
  private:
-  // By its control points, and by corners that were moved out of its range.
-  bool bound_piece(const RasterPatch &patch, const RasterPatch &part, const Piece &p, RasterPoint largest,
-                   PieceBounds &bounds) const
-  {
-    float x[24], y[24], w[24];
-    __builtin_memcpy(x, part.x, sizeof part.x);
-    __builtin_memcpy(y, part.y, sizeof part.y);
-    __builtin_memcpy(w, part.w, sizeof part.w);
-    uint32_t n = 16;
-    for (uint32_t k = 0; k < 4; ++k) {
-      const uint32_t u = k & 1 ? p.u + (1u << p.u_bits) : p.u, v = k & 2 ? p.v + (1u << p.v_bits) : p.v;
-      if (p.corner_u[k] == u && p.corner_v[k] == v) continue;
-      const RasterPoint q = patch_point(patch, p.corner_u[k], p.corner_v[k]);
-      x[n] = q.x;
-      y[n] = q.y;
-      w[n++] = q.w;
-    }
-    return bounds_of_points(x, y, w, n, largest, projection_, bounds);
-  }
-
   void dice(const RasterPatch &patch, const Piece &piece, uint32_t root, const Material &material)
   {
     charge(counters_.split_seconds);
@@ -258,15 +248,8 @@ void put_roots(const ReyesScene &scene, const PathSettings &settings, const Reye
   for (uint64_t i = 0; i < bucket.num_roots; ++i) {
     const uint32_t root = bucket.roots != nullptr ? bucket.roots[i] : uint32_t(i);
     // Roots come in any order; many have their neighbours' range.
-    if (root < scene.ranges[r].first_root || scene.ranges[r + 1].first_root <= root) {
-      uint32_t lo = 0, hi = scene.num_ranges;
-      while (hi - lo > 1) {
-        const uint32_t mid = lo + (hi - lo) / 2;
-        if (scene.ranges[mid].first_root <= root) lo = mid;
-        else hi = mid;
-      }
-      r = lo;
-    }
+    if (root < scene.ranges[r].first_root || scene.ranges[r + 1].first_root <= root)
+      r = range_index_of_root(scene, root);
     const RootRange &range = scene.ranges[r];
     if (scene.scene.has_blending) {
       const bool blends = scene.scene.materials[scene.scene.segments[range.segment].material].blends != 0;
