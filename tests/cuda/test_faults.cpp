@@ -72,7 +72,8 @@ class Objects {
   Objects()
       : device(make_device(GPURT_DEVICE_CUDA)),
         scene(make_scene(device, fill_cornell_box, GPURT_ACCEL_BVH)),
-        frame(make_frame(scene, size))
+        frame(make_frame(scene, size)),
+        large(make_frame(scene, large_size))
   {
     GPURT_EXPECT_OK(gpurt_device_enumerate(nullptr, 0, &num_devices_));
     gpurt_buffer_desc buffer_desc = GPURT_BUFFER_DESC_INIT;
@@ -89,6 +90,7 @@ class Objects {
     EXPECT_EQ(gpurt_photon_map_create(device, &points_desc(), &photons), GPURT_OK) << gpurt_last_error();
     EXPECT_EQ(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), cudaSuccess);
     render(frame, size);
+    render(large, large_size);
   }
 
   // What the first failure says is what all say.
@@ -174,6 +176,7 @@ class Objects {
     const Frame same = make_frame(box, size);
     render(same, size);
     EXPECT_EQ(read_color(same, size), read_color(frame, size));
+    expect_that_a_loss_is_told_once();
     if (num_cuda_devices() == 1) {
       const Device automatic = make_device(GPURT_DEVICE_AUTO);
       GPURT_EXPECT_OK(gpurt_device_get_properties(automatic, &properties));
@@ -182,14 +185,35 @@ class Objects {
     GPURT_EXPECT_OK(gpurt_photon_map_release(photons));
     GPURT_EXPECT_OK(gpurt_buffer_release(buffer));
     frame = Frame();
+    large = Frame();
     scene = Scene();
     device = Device();
   }
 
-  RenderOptions size{.width = 48, .height = 32, .spp = 4};
+  // Sums of a large frame may be on the device alone: the first call that needs them says that they are lost.
+  void expect_that_a_loss_is_told_once()
+  {
+    std::vector<uint32_t> counts(size_t(large_size.width) * large_size.height, 7);
+    const auto read = [&] {
+      return gpurt_frame_read(large, GPURT_OUTPUT_SAMPLE_COUNT, counts.data(),
+                              counts.size() * sizeof(uint32_t));
+    };
+    const gpurt_result first = read();
+    if (first != GPURT_OK) {
+      EXPECT_EQ(first, GPURT_ERROR_DEVICE) << gpurt_result_name(first);
+      const std::string text = gpurt_last_error();
+      EXPECT_NE(text.find("CUDA device 0 is lost"), std::string::npos) << text;
+      EXPECT_NE(text.find("it goes back to the 0 that the host has"), std::string::npos) << text;
+      GPURT_EXPECT_OK(read());
+    }
+    const uint32_t expected = first == GPURT_OK ? large_size.spp : 0;
+    EXPECT_EQ(counts, std::vector<uint32_t>(counts.size(), expected));
+  }
+
+  RenderOptions size{.width = 48, .height = 32, .spp = 4}, large_size{.width = 400, .height = 300, .spp = 1};
   Device device;
   Scene scene;
-  Frame frame;
+  Frame frame, large;
   HalfOfRays half;
   gpurt_buffer buffer = nullptr;
   gpurt_photon_map photons = nullptr;

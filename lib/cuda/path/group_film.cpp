@@ -73,7 +73,7 @@ void deliver(const RenderPass &pass, const UnitGroup &group, const FilmView &fil
   tbb::parallel_for(size_t(0), group.units.size(), [&](size_t i) {
     const WorkUnit &unit = group.units[i];
     TileFilm &tile = tiles.local();
-    tile.reset(unit.x1 - unit.x0, unit.y1 - unit.y0, pass.outputs);
+    tile.reserve(unit.x1 - unit.x0, unit.y1 - unit.y0, pass.outputs);
     copy_rows(tile.pixels, film.pixels, unit, group.bounds);
     copy_rows(tile.features, film.features, unit, group.bounds);
     copy_rows(tile.first_hits, film.first_hits, unit, group.bounds);
