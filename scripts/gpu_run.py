@@ -14,6 +14,7 @@ import collections
 import concurrent.futures
 import datetime
 import importlib.metadata
+import itertools
 import json
 import os
 import pathlib
@@ -325,7 +326,7 @@ def stage_sanitizer(run, about, args):
     results = []
 
     def sanitize(item):
-        tool, name, test_filter = item
+        tool, name, test = item
         program = TREE / "tests" / name
         status, text, seconds = OUT_OF_TIME, "", 0.0
         if run.left() >= 5:
@@ -335,25 +336,29 @@ def stage_sanitizer(run, about, args):
             status, text, seconds = run.command(
                 [*by_line, sanitizer, "--tool", tool, "--error-exitcode", "97",
                  *(["--report-api-errors", "no"] if tool == "memcheck" else []), program,
-                 f"--gtest_filter={test_filter}"], args.timeout, GPURT_TEST_SHORT="1")
-        summary = [line for line in text.splitlines() if "ERROR SUMMARY" in line or "RACECHECK SUMMARY" in line]
-        tests = [{"test": test, "result": result, "seconds": s} for test, result, s, _ in results_in(text)]
-        if status == OUT_OF_TIME:
-            tests = [test for test in tests if test["seconds"] is not None]
-        result = "not run" if status == OUT_OF_TIME else "passed" if status == 0 and tests else "failed"
+                 f"--gtest_filter={test}"], args.timeout, GPURT_TEST_SHORT="1")
+        summary = " ".join(line for line in text.splitlines() if "ERROR SUMMARY" in line or "RACECHECK SUMMARY" in line)
+        ended = [result for _, result, test_seconds, _ in results_in(text) if test_seconds is not None]
+        result = "not run" if status == OUT_OF_TIME else "passed" if status == 0 and ended == ["passed"] else "failed"
         with run.lock:
-            results.append({"tool": tool, "program": name, "result": result, "exit_status": status,
-                            "summary": summary, "seconds": round(seconds, 1), "tests": tests,
+            results.append({"tool": tool, "program": name, "test": test, "result": result, "exit_status": status,
+                            "summary": summary, "seconds": round(seconds, 1),
                             "message": "" if result == "passed" else text[:8000]})
-            print(f"{result}: {tool} over {name}: {len(tests)} tests, {seconds:.1f} s; {' '.join(summary)}", flush=True)
-            if result != "passed":
+            print(f"{result}: {tool} over {name}: {test}, {seconds:.1f} s; {summary}", flush=True)
+            if result == "failed":
                 print(text[:4000], flush=True)
-                run.ok = False
+            run.ok = run.ok and result == "passed"
             run.write("sanitizer.json", about, "runs", results)
 
-    run.spread(sanitize, [(tool, name, test_filter) for tool in args.sanitizer_tools.split(",")
-                          for name, test_filter in
-                          (RACE_CHECKED if tool in ("racecheck", "synccheck") else SANITIZED).items()])
+    # A test each, so that many go at a time; by turns from the programs, since their first tests tend to take longest.
+    work = []
+    for tool in args.sanitizer_tools.split(","):
+        chosen = RACE_CHECKED if tool in ("racecheck", "synccheck") else SANITIZED
+        tests = [[(tool, name, test) for test in list_tests(TREE / "tests" / name, chosen[name])] for name in chosen]
+        work += [item for turn in itertools.zip_longest(*tests) for item in turn if item is not None]
+    run.spread(sanitize, work)
+    print(", ".join(f"{sum(r['result'] == kind for r in results)} {kind}" for kind in ("passed", "failed", "not run")),
+          flush=True)
 
 
 def stage_bench(run, about, args):
