@@ -216,6 +216,15 @@ inline std::vector<TestScene> test_scenes()
           {"foliage", fill_foliage},     {"veils", fill_veils},     {"shared_veils", fill_shared_veils}};
 }
 
+/// All of them; in the short form one that is plain, one of placements, one of placed masks and one that blends in the world.
+inline std::vector<TestScene> scenes_of_each_kind()
+{
+  std::vector<TestScene> scenes = test_scenes();
+  if (amount(0, 1) != 0)
+    std::erase_if(scenes, [](const TestScene &s) { return s.name == "terrain" || s.name == "shared_veils"; });
+  return scenes;
+}
+
 /// Planes of the world-space tree, read back from the tree itself; none where the scene has only shared geometry.
 inline std::vector<std::pair<int, float>> split_planes(gpurt_scene scene)
 {
