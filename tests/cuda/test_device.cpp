@@ -302,6 +302,7 @@ TEST(CudaMemory, IsGivenBack)
     set_environment(scene, 1);
     commit(scene, accel);
     RenderOptions options;
+    options.spp = uint32_t(amount(options.spp, 2));
     const Frame frame = make_frame(scene, options);
     render(frame, options);
     EXPECT_GT(memory_used(device), 0u);
@@ -315,7 +316,7 @@ TEST(CudaThreads, ShareADevice)
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   const Device shared = make_device(GPURT_DEVICE_CUDA);
   const auto work = [&](gpurt_device device, std::vector<float> &color) {
-    for (int round = 0; round < 3; ++round) {
+    for (uint64_t round = 0; round < amount(3, 2); ++round) {
       Scene scene;
       GPURT_ASSERT_OK(gpurt_scene_create(device, scene.out()));
       add_mesh(scene, icosphere(3));
@@ -324,6 +325,7 @@ TEST(CudaThreads, ShareADevice)
       commit(scene);
       EXPECT_TRUE(sphere_is_hit(scene));
       RenderOptions options;
+      options.spp = uint32_t(amount(options.spp, 2));
       const Frame frame = make_frame(scene, options);
       render(frame, options);
       color = read_color(frame, options);

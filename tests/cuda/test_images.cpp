@@ -61,7 +61,9 @@ RenderOptions picture(uint32_t width, uint32_t height, uint32_t spp)
 // No power of two, so that tiles end anywhere.
 RenderOptions big_picture()
 {
-  return picture(uint32_t(amount(321, 53)), uint32_t(amount(243, 41)), uint32_t(amount(32, 4)));
+  RenderOptions o = picture(uint32_t(amount(321, 29)), uint32_t(amount(243, 23)), uint32_t(amount(32, 2)));
+  o.max_depth = uint32_t(amount(0, 6));
+  return o;
 }
 
 TEST(CudaImages, OfACornellBoxHaveTheBitsOfTheCpu)
@@ -105,7 +107,7 @@ TEST(CudaImages, AreTheSameInLittleMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   const uint32_t side = uint32_t(amount(128, 64));
-  const RenderOptions options = picture(side, side, 16);
+  const RenderOptions options = picture(side, side, uint32_t(amount(16, 2)));
   const Device roomy = make_device(GPURT_DEVICE_CUDA),
                tight = make_device(GPURT_DEVICE_CUDA, 0, uint64_t(24) << 20);
   const Scene a = make_scene(roomy, fill_cornell_box), b = make_scene(tight, fill_cornell_box);
