@@ -9,7 +9,7 @@ namespace {
 
 std::vector<ReyesPicture> pictures()
 {
-  const uint32_t side = uint32_t(amount(110, 36));
+  const uint32_t side = uint32_t(amount(110, 24));
   return {reyes_picture(side, side, 9), reyes_picture(side, side, 4, 1.0f, GPURT_REYES_FILTER_AUTO, 1),
           reyes_picture(side, side, 20, 6.0f),
           reyes_picture(side, side, 3, 30.0f, GPURT_REYES_FILTER_GAUSSIAN),
@@ -27,8 +27,10 @@ TEST(CudaReyesBlending, OfShellsHasTheBitsOfTheCpu)
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   const Device cpu = make_device(GPURT_DEVICE_CPU), cuda = make_device(GPURT_DEVICE_CUDA);
   compare_devices(cpu, cuda, fill_shells, pictures());
-  compare_devices(cpu, cuda, fill_shells, unshadowed(pictures()));
-  compare_devices(cpu, cuda, fill_bare_shells, unshadowed(pictures()));
+  const std::vector<ReyesPicture> all = pictures(),
+                                  some = amount(0, 1) != 0 ? std::vector<ReyesPicture>{all[0], all[3]} : all;
+  compare_devices(cpu, cuda, fill_shells, unshadowed(some));
+  compare_devices(cpu, cuda, fill_bare_shells, unshadowed(some));
   compare_devices(cpu, cuda, fill_bare_shells, {pictures()[0]});
 }
 
