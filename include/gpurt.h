@@ -526,13 +526,15 @@ typedef enum gpurt_triangle_test {
 } gpurt_triangle_test;
 
 typedef enum gpurt_build_quality {
-  GPURT_BUILD_QUALITY_AUTO = 0, /* HIGH: the same tree, and so the same bits, on every device */
+  GPURT_BUILD_QUALITY_AUTO = 0, /* HIGH */
   GPURT_BUILD_QUALITY_FAST = 1, /* CUDA, bvh and kdtree: large trees are built on the device, in milliseconds
                                    (kdtree: tens of them) a million triangles, and trace within a few percent of
                                    the best. Hits are those of HIGH,
                                    bit for bit, but by MOLLER_TRUMBORE, by which a ray that grazes triangles may
                                    meet another one of them. Elsewhere as HIGH */
-  GPURT_BUILD_QUALITY_HIGH = 2, /* the tree that traces fastest, built on the host's threads */
+  GPURT_BUILD_QUALITY_HIGH =
+      2, /* the tree that traces fastest, built on the host's threads. Hits have the same bits on
+                                   every device */
   GPURT_BUILD_QUALITY_FORCE32 = 0x7fffffff
 } gpurt_build_quality;
 
@@ -540,9 +542,11 @@ typedef struct gpurt_build_desc {
   uint32_t struct_size; /* set by GPURT_BUILD_DESC_INIT */
   gpurt_accel accel;
   gpurt_triangle_test triangle_test;
-  uint32_t max_depth;    /* kdtree; 0: 8 + 1.3 log2 N; at most 48 */
-  float traversal_cost;  /* kdtree: cost of a step in units of a triangle test; 0: the library's choice */
-  float empty_bonus;     /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
+  uint32_t max_depth; /* kdtree; 0: 8 + 1.3 log2 N; at most 48 */
+  float
+      traversal_cost; /* kdtree: cost of a step in units of a triangle test; 0: the library's choice, 2 and for
+                            trees of CUDA devices 1, but not with MOLLER_TRUMBORE or a cache */
+  float empty_bonus;  /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
   float patch_tolerance; /* largest distance, in metres of the world, between a patch and its triangles;
                                   0: 1e-4 of the diagonal of the patches' bounds, or none with patch_pixels */
   gpurt_build_quality quality;

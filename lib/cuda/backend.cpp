@@ -30,7 +30,7 @@ constexpr uint32_t min_compute_capability = 75;
 // Trees of fewer triangles are built on the host: the device takes a few milliseconds for the smallest.
 constexpr uint64_t max_host_bvh_triangles = 2048, max_host_kd_triangles = 2048;
 
-// Of kd-trees that are built here: finer than those of the host, which have to be the same on every device (docs/kdtree.md).
+// Of kd-trees for this device: finer than CPUs', since its warps test triangles with few of their lanes (docs/kdtree.md).
 constexpr float device_traversal_cost = 1.0f;
 
 // Films stay on the device while they take less than this part of its memory.
@@ -405,11 +405,15 @@ class CudaBackend final : public Backend, public StreamOrdering, public KernelLi
     const bool is_fast =
         options.quality == BuildQuality::Fast && options.imported.empty() && options.cache_path.empty();
     const uint64_t most_host_triangles = is_fast ? max_host_kd_triangles : UINT64_MAX;
-    const auto start = std::chrono::steady_clock::now();
-    KdTrees trees = build_kd_trees(*scene, options, nullptr, log_, most_host_triangles);
-    trees.facts.build_seconds = seconds_since(start);
     DeviceKdSettings settings = kd_settings(options);
     if (settings.traversal_cost == 0) settings.traversal_cost = device_traversal_cost;
+    BuildOptions own = options;
+    // As on every other device: what a cache holds, and where hits depend on the tree.
+    if (options.cache_path.empty() && options.triangle_test != TriangleTest::MollerTrumbore)
+      own.traversal_cost = settings.traversal_cost;
+    const auto start = std::chrono::steady_clock::now();
+    KdTrees trees = build_kd_trees(*scene, own, nullptr, log_, most_host_triangles);
+    trees.facts.build_seconds = seconds_since(start);
     const auto committed =
         std::make_shared<CudaScene>(device_, scene, std::move(copied), trees, most_host_triangles, settings);
     for (const DeviceKdTree &tree : committed->kd_trees()->built()) {

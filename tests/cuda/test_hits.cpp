@@ -314,6 +314,11 @@ TEST(CudaTrees, AreExchangedBetweenDevices)
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   const DevicePair devices = cpu_and_cuda();
   const ScenePair scenes = make_scenes(devices, test_scenes()[0], GPURT_TRIANGLE_WATERTIGHT);
+  // Of the same settings, trees are the same.
+  gpurt_build_desc desc = GPURT_BUILD_DESC_INIT;
+  desc.accel = GPURT_ACCEL_KDTREE;
+  desc.traversal_cost = 2;
+  GPURT_ASSERT_OK(gpurt_scene_commit(scenes.tested, &desc));
   gpurt_kdtree trees[2] = {GPURT_KDTREE_INIT, GPURT_KDTREE_INIT};
   std::vector<gpurt_kdtree_node> nodes[2];
   std::vector<uint32_t> references[2];
