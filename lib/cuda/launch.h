@@ -27,6 +27,28 @@ void launch_blocks(const char *name, void (*kernel)(Parameters...), unsigned num
   note_launch(name, reinterpret_cast<const void *>(kernel), block_threads);
 }
 
+/// The same for kernels that keep less in shared memory than the driver would set aside: with `shared_percent` of what a
+/// multiprocessor can have of it, the rest is L1.
+template <class... Parameters, class... Arguments>
+void launch_for_l1(const char *name, void (*kernel)(Parameters...), uint64_t n, unsigned shared_percent,
+                   cudaStream_t stream, const Arguments &...arguments)
+{
+  if (n == 0) return;
+  cudaLaunchAttribute attribute{};
+  attribute.id = cudaLaunchAttributePreferredSharedMemoryCarveout;
+  attribute.val.sharedMemCarveout = shared_percent;
+  cudaLaunchConfig_t config{};
+  config.gridDim = unsigned((n + block_size - 1) / block_size);
+  config.blockDim = block_size;
+  config.stream = stream;
+  config.attrs = &attribute;
+  config.numAttrs = 1;
+  TimedLaunch timed(stream);
+  check(cudaLaunchKernelEx(&config, kernel, arguments...), name);
+  timed.end(name);
+  note_launch(name, reinterpret_cast<const void *>(kernel), block_size);
+}
+
 /// Runs kernel(args...) with at least n threads on a stream.
 template <class... Parameters, class... Arguments>
 void launch(const char *name, void (*kernel)(Parameters...), uint64_t n, cudaStream_t stream,

@@ -83,30 +83,52 @@ constexpr uint32_t kd_quad_no_plane = 3u << 8;
 GPURT_INLINE float kd_quad_position(uint32_t word) { return float_from_bits(word >> 9 | 0x3f800000u); }
 GPURT_INLINE uint32_t kd_quad_axis(uint32_t word) { return word >> 8 & 3u; }
 
+// What rounding takes from the distance of a plane, and of the bounds.
+GPURT_INLINE float kd_quad_widening(float inverse, const NearBegin &n)
+{
+  return n.farthest * 0x1p-18f * size_of(inverse) + 0x1p-146f;
+}
+
+// The part of a ray that is in the tree's bounds; a > b: none.
+GPURT_INLINE void clip_to_bounds(const Ray &ray, const KdQuadView &tree, const NearRay &r, const NearBegin &n,
+                                 float &a, float &b)
+{
+  a = 0.0f;
+  b = ray.tmax + r.end_offset;
+  const auto clip = [&](float inverse, float o, float below, float above) {
+    const float widening = kd_quad_widening(inverse, n);
+    const bool is_down = inverse < 0.0f;
+    a = at_least(a, ((is_down ? above : below) - o) * inverse - n.begin - widening);
+    b = at_most(b, ((is_down ? below : above) - o) * inverse - n.begin + widening);
+  };
+  const Vec3f below = tree.bounds.lo - tree.frame.center, above = tree.bounds.hi - tree.frame.center;
+  clip(r.inverse.x, n.offset.x, below.x, above.x);
+  clip(r.inverse.y, n.offset.y, below.y, above.y);
+  clip(r.inverse.z, n.offset.z, below.z, above.z);
+}
+
+GPURT_INLINE KdQuadAxis kd_quad_axis_of(float inverse, float o, float unit, const NearBegin &n)
+{
+  return {inverse * unit, (-((o + 1.5f * unit) * inverse) - n.begin) - kd_quad_widening(inverse, n)};
+}
+// Of what is left to rounding, both ways, in units of |scale|.
+GPURT_INLINE float kd_quad_width(float unit, const NearBegin &n)
+{
+  return n.farthest * 0x1p-17f * (1.0f + 0x1p-20f) * fast_reciprocal(unit);
+}
+
 // False for a ray that has to go the general way, misses among them. `r` is the ray as triangles are tested with it.
 GPURT_INLINE bool make_kd_quad_ray(const Ray &ray, const KdQuadView &tree, NearRay &r, KdQuadRay &q)
 {
   NearBegin n;
-  if (!begin_near_ray(ray, tree.frame, tree.frame.reach, 0x1p-18f, r, n)) return false;
+  if (!start_near_ray(ray, tree.frame, tree.frame.reach, r, n)) return false;
+  begin_near_ray(ray.tmin, kd_quad_t_share, r, n);
   const float unit = kd_quad_unit(tree.frame);
-  q.width = n.farthest * 0x1p-17f * (1.0f + 0x1p-20f) * fast_reciprocal(unit);
-  q.a = 0.0f;
-  q.b = ray.tmax + r.end_offset;
-  const auto prepare = [&](float d, float o, float below, float above, KdQuadAxis &axis) {
-    const float size = at_most(n.limit, size_of(fast_reciprocal(d)));
-    const float inverse = d < 0.0f ? -size : size;
-    const float widening = n.farthest * 0x1p-18f * size + 0x1p-146f;
-    axis.scale = inverse * unit;
-    axis.shift = (-((o + 1.5f * unit) * inverse) - n.begin) - widening;
-    const float enter = ((d < 0.0f ? above : below) - o) * inverse - n.begin - widening;
-    const float leave = ((d < 0.0f ? below : above) - o) * inverse - n.begin + widening;
-    q.a = at_least(q.a, enter);
-    q.b = at_most(q.b, leave);
-  };
-  const Vec3f below = tree.bounds.lo - tree.frame.center, above = tree.bounds.hi - tree.frame.center;
-  prepare(ray.direction.x, n.offset.x, below.x, above.x, q.axis[0]);
-  prepare(ray.direction.y, n.offset.y, below.y, above.y, q.axis[1]);
-  prepare(ray.direction.z, n.offset.z, below.z, above.z, q.axis[2]);
+  q.width = kd_quad_width(unit, n);
+  clip_to_bounds(ray, tree, r, n, q.a, q.b);
+  q.axis[0] = kd_quad_axis_of(r.inverse.x, n.offset.x, unit, n);
+  q.axis[1] = kd_quad_axis_of(r.inverse.y, n.offset.y, unit, n);
+  q.axis[2] = kd_quad_axis_of(r.inverse.z, n.offset.z, unit, n);
   q.axis[3] = {0.0f, infinity};
   return true;
 }

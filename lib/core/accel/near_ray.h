@@ -80,19 +80,25 @@ GPURT_INLINE float loose_min(float a, float b, float c, float d)
 GPURT_INLINE Vec3f sizes_of(Vec3f v) { return {size_of(v.x), size_of(v.y), size_of(v.z)}; }
 GPURT_INLINE float largest_of(Vec3f v) { return at_least(at_least(v.x, v.y), v.z); }
 
+// Puts the main axis in the place of z, and z in its place. intersect() turns all three axes, by which x and y may change places
+// as well: edge functions then have the same bits but for a common sign.
+GPURT_INLINE Vec3f main_axis_to_z(Vec3f v, int axis)
+{
+  const bool is_x = axis == 0, is_y = axis == 1;
+  return {is_x ? v.z : v.x, is_y ? v.z : v.y, is_x ? v.x : is_y ? v.y : v.z};
+}
+
 // What a ray has in common with all trees that it may be near.
 struct NearBegin {
   Vec3f offset;  // of the origin from the frame's centre
   float
       farthest;  // the largest distance from the origin to a point of the tree, along an axis, or a little more
-  float limit;  // of |1/d|
-  float begin;  // what distances are counted from: tmin, less what `t_share` leaves to rounding
+  float begin;  // what distances are counted from: tmin, less what is left to rounding
 };
 
-// False for a ray that has to go the general way, misses among them, or from farther away than half of `reach`. `t_share` is
-// of `farthest`, and is what t may be off by in units of the largest |1/d|. Left to the caller are the axes.
-GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float reach, float t_share,
-                                 NearRay &r, NearBegin &n)
+// False for a ray that has to go the general way, misses among them, or from farther away than half of `reach`. Left to the
+// caller are where distances begin, and the axes.
+GPURT_INLINE bool start_near_ray(const Ray &ray, const BvhFrame &frame, float reach, NearRay &r, NearBegin &n)
 {
   const Vec3f magnitude = sizes_of(ray.direction);
   const float largest = largest_of(magnitude);
@@ -105,50 +111,72 @@ GPURT_INLINE bool begin_near_ray(const Ray &ray, const BvhFrame &frame, float re
         ray.tmin <= ray.tmax && abs(ray.tmin) * largest <= n.farthest))
     return false;
   r.main_axis = main_axis_of(ray.direction);
-  const int kx = r.main_axis == 2 ? 0 : r.main_axis + 1, ky = kx == 2 ? 0 : kx + 1;
-  r.sz = normal_reciprocal(at(ray.direction, r.main_axis));
-  r.sx = at(ray.direction, kx) * r.sz;
-  r.sy = at(ray.direction, ky) * r.sz;
+  const Vec3f turned = main_axis_to_z(ray.direction, r.main_axis);
+  r.sz = normal_reciprocal(turned.z);
+  r.sx = turned.x * r.sz;
+  r.sy = turned.y * r.sz;
   r.origin = ray.origin;
-  const float steepest = abs(r.sz);
-  n.limit = steepest * 0x1p30f;
-  const float t_widening = n.farthest * t_share * steepest + 0x1p-146f;
-  n.begin = ray.tmin - t_widening;
-  r.end_offset = t_widening - n.begin;
+  const float limit = abs(r.sz) * 0x1p30f;
+  const auto invert = [&](float d) { return copysign(at_most(limit, size_of(fast_reciprocal(d))), d); };
+  r.inverse = {invert(ray.direction.x), invert(ray.direction.y), invert(ray.direction.z)};
   return true;
 }
 
-// The axes of a bvh's boxes.
-GPURT_INLINE void clip_from(const Ray &ray, const NearBegin &n, NearRay &r)
+// `t_share` is of `farthest`, and is what t may be off by in units of the largest |1/d|.
+constexpr float bvh_t_share = 0x1p-20f, kd_quad_t_share = 0x1p-18f;
+GPURT_INLINE void begin_near_ray(float tmin, float t_share, NearRay &r, NearBegin &n)
 {
-  const auto prepare = [&](float d, float o, float &inverse, float &size, float &shift) {
-    size = at_most(n.limit, size_of(fast_reciprocal(d)));
-    inverse = copysign(size, d);
-    shift = -(o * inverse) - n.begin;
-  };
-  prepare(ray.direction.x, n.offset.x, r.inverse.x, r.size.x, r.shift.x);
-  prepare(ray.direction.y, n.offset.y, r.inverse.y, r.size.y, r.shift.y);
-  prepare(ray.direction.z, n.offset.z, r.inverse.z, r.size.z, r.shift.z);
+  const float t_widening = n.farthest * t_share * abs(r.sz) + 0x1p-146f;
+  n.begin = tmin - t_widening;
+  r.end_offset = t_widening - n.begin;
 }
 
+// The axes of a bvh's boxes.
+GPURT_INLINE void clip_from(float tmin, NearRay &r, NearBegin &n)
+{
+  begin_near_ray(tmin, bvh_t_share, r, n);
+  r.size = sizes_of(r.inverse);
+  const auto shift = [&](float o, float inverse) { return -(o * inverse) - n.begin; };
+  r.shift = {shift(n.offset.x, r.inverse.x), shift(n.offset.y, r.inverse.y), shift(n.offset.z, r.inverse.z)};
+}
+
+GPURT_INLINE bool start_near_ray(const Ray &ray, const BvhView &tree, NearRay &r, NearBegin &n)
+{
+  return start_near_ray(ray, tree.frame, tree.frame.reach, r, n);
+}
 GPURT_INLINE bool make_near_ray(const Ray &ray, const BvhView &tree, NearRay &r)
 {
   NearBegin n;
-  if (!begin_near_ray(ray, tree.frame, tree.frame.reach, 0x1p-20f, r, n)) return false;
-  clip_from(ray, n, r);
+  if (!start_near_ray(ray, tree, r, n)) return false;
+  clip_from(ray.tmin, r, n);
   return true;
 }
 
 // The same from farther away; half extents of boxes are taken larger by `widening`.
+GPURT_INLINE bool start_far_ray(const Ray &ray, const BvhView &tree, NearRay &r, NearBegin &n)
+{
+  // As far as the largest trees' near rays, so that no product overflows that does not with these.
+  return tree.frame.reach > 0.0f && start_near_ray(ray, tree.frame, 0x1p49f, r, n);
+}
+GPURT_INLINE float far_widening(const BvhView &tree, float farthest)
+{
+  return 2.0f * farthest <= tree.frame.reach ? 0.0f : farthest * 0x1.8p-20f;
+}
 GPURT_INLINE bool make_far_ray(const Ray &ray, const BvhView &tree, NearRay &r, float &widening)
 {
   NearBegin n;
-  // As far as the largest trees' near rays, so that no product overflows that does not with these.
-  if (!(tree.frame.reach > 0.0f) || !begin_near_ray(ray, tree.frame, 0x1p49f, 0x1p-20f, r, n)) return false;
-  clip_from(ray, n, r);
-  widening = 2.0f * n.farthest <= tree.frame.reach ? 0.0f : n.farthest * 0x1.8p-20f;
+  if (!start_far_ray(ray, tree, r, n)) return false;
+  clip_from(ray.tmin, r, n);
+  widening = far_widening(tree, n.farthest);
   return true;
 }
+
+// Rays that wait have the axis that they are sheared onto in the lowest bits of `farthest`, which may be a little more.
+GPURT_INLINE float with_axis(float farthest, int axis)
+{
+  return float_from_bits(((float_bits(farthest) + 4u) & ~3u) | uint32_t(axis));
+}
+GPURT_INLINE int axis_in(float farthest) { return int(float_bits(farthest) & 3u); }
 
 GPURT_INLINE void clip_near(const NearRay &r, Vec3f center, float half_x, float half_y, float half_z,
                             float end, float &enter, float &leave)
@@ -162,12 +190,10 @@ GPURT_INLINE void clip_near(const NearRay &r, Vec3f center, float half_x, float 
 // The fast half of intersect(): the same edge functions, and instead of t an interval for it, in single precision.
 GPURT_INLINE EdgeVerdict test_near(const NearRay &r, Vec3f a, Vec3f b, Vec3f c, HitInterval &t)
 {
-  const bool is_x = r.main_axis == 0, is_y = r.main_axis == 1;
   const auto shear = [&](Vec3f p, float &z) {
-    const Vec3f q = p - r.origin;
-    z = is_x ? q.x : is_y ? q.y : q.z;
-    const float x = is_x ? q.y : is_y ? q.z : q.x, y = is_x ? q.z : is_y ? q.x : q.y;
-    return ShearedPoint<float>{x - r.sx * z, y - r.sy * z};
+    const Vec3f q = main_axis_to_z(p - r.origin, r.main_axis);
+    z = q.z;
+    return ShearedPoint<float>{q.x - r.sx * q.z, q.y - r.sy * q.z};
   };
   float za, zb, zc;
   const ShearedPoint<float> sa = shear(a, za), sb = shear(b, zb), sc = shear(c, zc);

@@ -13,6 +13,8 @@ struct BvhWalk {
   using Kind = NearKind<true>;
   // Blocks of a multiprocessor that registers must leave room for.
   static constexpr int plain_blocks = 10, refill_blocks = 9;
+  // Of warps that refill: what they have of an H100's 228 KB of shared memory, 64 KB.
+  static constexpr unsigned shared_percent = 28;
   // Of warps that refill: steps between votes, and lanes that have a node while the warp goes on stepping. Of 8 to 20 lanes
   // these measured best, by little.
   static constexpr int steps = 3, stepping_until = 12;
@@ -83,33 +85,20 @@ struct BvhWalk {
     return false;
   }
 
-  // What a ray that is ready keeps beside what triangles are tested with.
-  struct Ready {
-    float inverse[3][warp_size], shift[3][warp_size];
-  };
-  __device__ __forceinline__ static bool make_ready(const TraceScene &s, const Ray &from, NearRay &r,
-                                                    Ready &ready, unsigned lane)
+  // Of a ray that waits till a lane takes it: whether it can, and what beside WaitingRays has to be kept of it, nothing.
+  struct Waiting {};
+  __device__ __forceinline__ static bool start(const TraceScene &s, const Ray &from, NearRay &r, NearBegin &n)
   {
-    if (!make_near_ray(from, s.world.tree, r)) return false;
-    keep_axes(r, ready, lane);
-    return true;
+    return start_near_ray(from, s.world.tree, r, n);
   }
-  __device__ __forceinline__ static void keep_axes(const NearRay &r, Ready &ready, unsigned lane)
+  __device__ __forceinline__ static void keep(const TraceScene &, const Ray &, NearRay &, NearBegin &,
+                                              Waiting &, unsigned)
+  {}
+  __device__ __forceinline__ static Vec3f center(const TraceScene &s) { return s.world.tree.frame.center; }
+  __device__ __forceinline__ void take(const TraceScene &s, float tmin, NearBegin &n, const Waiting &,
+                                       unsigned, Entry *stack)
   {
-    for (int k = 0; k < 3; ++k) {
-      ready.inverse[k][lane] = at(r.inverse, k);
-      ready.shift[k][lane] = at(r.shift, k);
-    }
-  }
-  __device__ __forceinline__ static void take_axes(const Ready &ready, unsigned slot, NearRay &r)
-  {
-    r.inverse = {ready.inverse[0][slot], ready.inverse[1][slot], ready.inverse[2][slot]};
-    r.size = {fabsf(r.inverse.x), fabsf(r.inverse.y), fabsf(r.inverse.z)};
-    r.shift = {ready.shift[0][slot], ready.shift[1][slot], ready.shift[2][slot]};
-  }
-  __device__ __forceinline__ void take(const TraceScene &s, const Ready &ready, unsigned slot, Entry *stack)
-  {
-    take_axes(ready, slot, ray);
+    clip_from(tmin, ray, n);
     restart(s, stack);
   }
 };

@@ -44,8 +44,6 @@ struct NearBatch {
   uint32_t *next_ray;               // the pool's counter
   unsigned long long *num_refills;  // times that a warp refilled are added; null: not wanted
   uint32_t *candidates;             // [num_rays], of closest hits
-  uint32_t
-      *taken_before;  // [num_rays / 32, rounded up]: what the warp that took these 32 rays had taken before
 };
 
 /// What kernels are compiled for: a tree, and what the scene has. Each has what it needs alone, and is faster for it.

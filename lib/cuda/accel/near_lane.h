@@ -364,7 +364,7 @@ __device__ __forceinline__ void finish_any(const NearBatch &batch, uint32_t i, b
   static_cast<uint8_t *>(batch.results)[i] = result;
 }
 
-// Where the placement of a candidate waits for measure_taken(): where the hit goes.
+// Where the placement of a candidate waits till it is measured: where the hit goes.
 __device__ __forceinline__ uint32_t &waiting_placement(const NearBatch &batch, uint32_t i)
 {
   const uint64_t hit_size = batch.layout == HitLayout::Compact    ? sizeof(CompactHit)
@@ -373,7 +373,7 @@ __device__ __forceinline__ uint32_t &waiting_placement(const NearBatch &batch, u
   return static_cast<uint32_t *>(batch.results)[i * (hit_size / sizeof(uint32_t))];
 }
 
-// The end of a ray of closest hits in a warp that refills: kept for measure_taken().
+// The end of a ray of closest hits in a warp that refills: what it found waits for the kernel that measures.
 template <class Kind>
 __device__ __forceinline__ void hand_over(const NearBatch &batch, uint32_t i, const Pending &pending)
 {
@@ -383,26 +383,6 @@ __device__ __forceinline__ void hand_over(const NearBatch &batch, uint32_t i, co
   batch.candidates[i] = candidate;
   if constexpr (Kind::placements)
     waiting_placement(batch, i) = candidate_of<Kind>(pending.references, 0).placement;
-}
-
-// Measures what the rays of a warp found, all lanes at once, once all of them have ended: amid traversal few end at a time,
-// and its registers would be in the way. `taken` are the last 32 that the warp took, invalid_id if it took none.
-template <class Kind>
-__device__ __forceinline__ void measure_taken(const TraceScene &s, const NearBatch &batch, uint32_t taken)
-{
-  __syncwarp();
-  for (; taken != invalid_id; taken = batch.taken_before[taken / warp_size]) {
-    const uint32_t i = taken + threadIdx.x % warp_size;
-    if (i >= batch.num_rays) continue;
-    const uint32_t candidate = batch.candidates[i];
-    if (candidate == left_over || candidate == unlisted_left_over) continue;
-    const uint32_t placement = Kind::placements ? waiting_placement(batch, i) : invalid_id;
-    if (measure_one<Kind>(s, batch, i, {candidate, placement})) continue;
-    uint32_t words[pending_words<Kind>];
-    words[0] = candidate | unclear_bit;
-    if constexpr (Kind::placements) words[pending_capacity] = placement;
-    if (!leave_over<Kind>(batch, i, 1, words)) batch.candidates[i] = unlisted_left_over;
-  }
 }
 
 #endif

@@ -17,27 +17,29 @@ GPURT_KERNELS_BEGIN
 // A warp refills from so many idle lanes on. Of 6 to 24 this measured best, by little.
 constexpr int refill_at = 8;
 
-// Rays that are ready for a warp's lanes: made so by all lanes at once, drawn by few at a time.
+// Rays that wait for a warp's lanes: made so by all lanes at once, taken by few at a time. In as little shared memory as lets
+// nine blocks of a bvh's have 64 KB of a multiprocessor's 256: the rest is L1, for which the warps wait.
 template <class Walk>
-struct WarpRays {
-  typename Walk::Ready walk;
-  float origin[3][warp_size];
-  float sx[warp_size], sy[warp_size], sz[warp_size], end_offset[warp_size], tmin[warp_size], tmax[warp_size];
-  uint32_t main_axis[warp_size];  // 3: no ray
-  uint32_t left_out[warp_size], ended_at[warp_size];
+struct WaitingRays {
+  float origin[3][warp_size], inverse[3][warp_size];
+  float sx[warp_size], sy[warp_size], sz[warp_size];
+  float farthest[warp_size];  // with_axis(); no_ray
+  float tmin[warp_size], tmax[warp_size];
+  [[no_unique_address]] typename Walk::Waiting walk;
   uint32_t num_refills;
 };
-constexpr uint32_t no_axis = 3;
+constexpr float no_ray = -1.0f;
 
 template <class Walk, TraceQuery Query>
 __device__ __forceinline__ void make_ready(const TraceScene &s, const NearBatch &batch, uint32_t i,
-                                           unsigned lane, WarpRays<Walk> &warp)
+                                           unsigned lane, WaitingRays<Walk> &rays)
 {
-  warp.main_axis[lane] = no_axis;
+  rays.farthest[lane] = no_ray;
   if (i >= batch.num_rays) return;
   const Ray ray = load_ray(batch.rays, i, true);
   NearRay r;
-  if (!Walk::make_ready(s, ray, r, warp.walk, lane)) {
+  NearBegin n;
+  if (!Walk::start(s, ray, r, n)) {
     Pending general;
     general.count = max_candidates + 1;
     general.references = nullptr;
@@ -47,16 +49,18 @@ __device__ __forceinline__ void make_ready(const TraceScene &s, const NearBatch 
           leave_over<typename Walk::Kind>(batch, i, general.count, nullptr) ? left_over : unlisted_left_over;
     return;
   }
-  for (int k = 0; k < 3; ++k) warp.origin[k][lane] = at(r.origin, k);
-  warp.sx[lane] = r.sx;
-  warp.sy[lane] = r.sy;
-  warp.sz[lane] = r.sz;
-  warp.end_offset[lane] = r.end_offset;
-  warp.tmin[lane] = ray.tmin;
-  warp.tmax[lane] = ray.tmax;
-  warp.main_axis[lane] = uint32_t(r.main_axis);
-  warp.left_out[lane] = known_triangle(batch.left_out, i);
-  if constexpr (Query == TraceQuery::Any) warp.ended_at[lane] = known_triangle(batch.ended_at, i);
+  n.farthest = with_axis(n.farthest, r.main_axis);
+  Walk::keep(s, ray, r, n, rays.walk, lane);
+  for (int k = 0; k < 3; ++k) {
+    rays.origin[k][lane] = at(r.origin, k);
+    rays.inverse[k][lane] = at(r.inverse, k);
+  }
+  rays.sx[lane] = r.sx;
+  rays.sy[lane] = r.sy;
+  rays.sz[lane] = r.sz;
+  rays.farthest[lane] = n.farthest;
+  rays.tmin[lane] = ray.tmin;
+  rays.tmax[lane] = ray.tmax;
 }
 
 template <class Walk, TraceQuery Query>
@@ -67,11 +71,10 @@ __global__ void __launch_bounds__(block_size, Walk::refill_blocks)
   constexpr bool is_any = Query == TraceQuery::Any;
   using Kind = typename Walk::Kind;
   __shared__ typename Walk::Shared shared[block_size / warp_size];
-  __shared__ WarpRays<Walk> warps[block_size / warp_size];
+  __shared__ WaitingRays<Walk> warps[block_size / warp_size];
   const unsigned lane = threadIdx.x % warp_size;
-  WarpRays<Walk> &warp = warps[threadIdx.x / warp_size];
-  uint32_t first = 0;           // of the rays that are ready
-  uint32_t taken = invalid_id;  // first of the last rays that the warp took
+  WaitingRays<Walk> &warp = warps[threadIdx.x / warp_size];
+  uint32_t first = 0;  // of the rays that are ready
   unsigned num_taken = warp_size;
   bool is_pool_empty = false;
   uint32_t i = invalid_id;
@@ -98,31 +101,30 @@ __global__ void __launch_bounds__(block_size, Walk::refill_blocks)
         first = __shfl_sync(~0u, first, 0);
         num_taken = 0;
         is_pool_empty = first >= batch.num_rays;
-        if (!is_any && !is_pool_empty) {
-          if (lane == 0) batch.taken_before[first / warp_size] = taken;
-          taken = first;
-        }
         make_ready<Walk, Query>(s, batch, first + lane, lane, warp);
         __syncwarp();
       }
       if (lane == 0 && !is_pool_empty) ++warp.num_refills;
       const unsigned slot = num_taken + __popc(idle & ((1u << lane) - 1u));
       num_taken = min(num_taken + __popc(idle), warp_size);
-      if (walk.has_ended() && slot < warp_size && warp.main_axis[slot] != no_axis) {
+      if (walk.has_ended() && slot < warp_size && warp.farthest[slot] >= 0.0f) {
         NearRay &r = walk.ray;
+        NearBegin n;
+        n.farthest = warp.farthest[slot];
+        r.main_axis = axis_in(n.farthest);
         r.origin = {warp.origin[0][slot], warp.origin[1][slot], warp.origin[2][slot]};
+        n.offset = r.origin - Walk::center(s);
+        r.inverse = {warp.inverse[0][slot], warp.inverse[1][slot], warp.inverse[2][slot]};
         r.sx = warp.sx[slot];
         r.sy = warp.sy[slot];
         r.sz = warp.sz[slot];
-        r.end_offset = warp.end_offset[slot];
-        r.main_axis = int(warp.main_axis[slot]);
-        walk.take(s, warp.walk, slot, stack);
-        i = first + slot;
-        found = false;
         tmin = warp.tmin[slot];
         tmax = warp.tmax[slot];
-        left_out = warp.left_out[slot];
-        if constexpr (is_any) ended_at = warp.ended_at[slot];
+        walk.take(s, tmin, n, warp.walk, slot, stack);
+        i = first + slot;
+        found = false;
+        left_out = known_triangle(batch.left_out, i);
+        if constexpr (is_any) ended_at = known_triangle(batch.ended_at, i);
         clear(pending, tmax);
         end = tmax + r.end_offset;
       }
@@ -153,7 +155,6 @@ __global__ void __launch_bounds__(block_size, Walk::refill_blocks)
   }
   if (batch.num_refills != nullptr && lane == 0)
     atomicAdd(batch.num_refills, static_cast<unsigned long long>(warp.num_refills));
-  if constexpr (!is_any) measure_taken<Kind>(s, batch, taken);
 }
 
 template <class Walk>
@@ -161,15 +162,21 @@ void launch_refill(const TraceScene &scene, TraceQuery query, const NearBatch &b
 {
   const uint64_t num_threads =
       std::min<uint64_t>(uint64_t(scene.num_sms) * Walk::refill_blocks * block_size, batch.num_rays);
+  // A block's own, and what the system takes.
+  constexpr size_t shared_bytes =
+      block_size / warp_size * (sizeof(WaitingRays<Walk>) + sizeof(typename Walk::Shared)) + 1024;
+  static_assert(Walk::refill_blocks * shared_bytes <= (size_t(228) << 10) * Walk::shared_percent / 100);
   const bool is_any = query == TraceQuery::Any, is_asked_for = batch.num_refills != nullptr;
   const char *name = is_asked_for ? persistent_kernel_name : is_any ? "any-hit kernel" : "closest-hit kernel";
   if constexpr (!counts_lanes) {
     if (is_any) {
-      launch(name, near_refill_kernel<Walk, TraceQuery::Any>, num_threads, stream, scene, batch);
+      launch_for_l1(name, near_refill_kernel<Walk, TraceQuery::Any>, num_threads, Walk::shared_percent,
+                    stream, scene, batch);
       return;
     }
   }
-  launch(name, near_refill_kernel<Walk, TraceQuery::Closest>, num_threads, stream, scene, batch);
+  launch_for_l1(name, near_refill_kernel<Walk, TraceQuery::Closest>, num_threads, Walk::shared_percent,
+                stream, scene, batch);
 }
 
 #endif

@@ -22,6 +22,7 @@ template <bool Masks>
 struct PlacedBvhWalk {
   using Kind = NearKind<true, Masks, true>;
   static constexpr int plain_blocks = 8, refill_blocks = 7;
+  static constexpr unsigned shared_percent = BvhWalk::shared_percent;
   static constexpr int steps = BvhWalk::steps, stepping_until = BvhWalk::stepping_until;
 
   using Entry = uint32_t;
@@ -147,21 +148,21 @@ struct PlacedBvhWalk {
     }
   }
 
-  // What a ray that is ready keeps beside what triangles are tested with.
-  struct Ready : BvhWalk::Ready {
-    float widening[warp_size];
-  };
-  __device__ __forceinline__ static bool make_ready(const TraceScene &s, const Ray &from, NearRay &r,
-                                                    Ready &ready, unsigned lane)
+  // As in BvhWalk.
+  struct Waiting {};
+  __device__ __forceinline__ static bool start(const TraceScene &s, const Ray &from, NearRay &r, NearBegin &n)
   {
-    if (!make_far_ray(from, first_tree(s), r, ready.widening[lane])) return false;
-    BvhWalk::keep_axes(r, ready, lane);
-    return true;
+    return start_far_ray(from, first_tree(s), r, n);
   }
-  __device__ __forceinline__ void take(const TraceScene &s, const Ready &ready, unsigned slot, Entry *stack)
+  __device__ __forceinline__ static void keep(const TraceScene &, const Ray &, NearRay &, NearBegin &,
+                                              Waiting &, unsigned)
+  {}
+  __device__ __forceinline__ static Vec3f center(const TraceScene &s) { return first_tree(s).frame.center; }
+  __device__ __forceinline__ void take(const TraceScene &s, float tmin, NearBegin &n, const Waiting &,
+                                       unsigned, Entry *stack)
   {
-    BvhWalk::take_axes(ready, slot, ray);
-    widening = ready.widening[slot];
+    clip_from(tmin, ray, n);
+    widening = far_widening(first_tree(s), n.farthest);
     restart(s, stack);
   }
 };

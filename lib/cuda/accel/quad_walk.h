@@ -13,6 +13,7 @@ GPURT_KERNELS_BEGIN
 struct QuadWalk {
   using Kind = NearKind<false>;
   static constexpr int plain_blocks = 9, refill_blocks = 8;
+  static constexpr unsigned shared_percent = 43;  // 100 KB, see BvhWalk
   static constexpr int steps = 2, stepping_until = 12;
 
   // What a ray leaves for later, and the end below it: where it goes on, and the interval there.
@@ -141,28 +142,34 @@ struct QuadWalk {
     return false;
   }
 
-  struct Ready {
-    float2 axis[3][warp_size];
-    float a[warp_size], b[warp_size], width[warp_size];
+  // As in BvhWalk; where the ray is in the bounds is kept.
+  struct Waiting {
+    float a[warp_size], b[warp_size];
   };
-  __device__ __forceinline__ static bool make_ready(const TraceScene &s, const Ray &from, NearRay &r,
-                                                    Ready &ready, unsigned lane)
+  __device__ __forceinline__ static bool start(const TraceScene &s, const Ray &from, NearRay &r, NearBegin &n)
   {
-    KdQuadRay q;
-    if (!make_kd_quad_ray(from, s.kd_quads, r, q)) return false;
-    for (int k = 0; k < 3; ++k) ready.axis[k][lane] = make_float2(q.axis[k].scale, q.axis[k].shift);
-    ready.a[lane] = q.a;
-    ready.b[lane] = q.b;
-    ready.width[lane] = q.width;
-    return true;
+    return start_near_ray(from, s.kd_quads.frame, s.kd_quads.frame.reach, r, n);
   }
-  __device__ __forceinline__ void take(const TraceScene &s, const Ready &ready, unsigned slot, Entry *)
+  __device__ __forceinline__ static void keep(const TraceScene &s, const Ray &from, NearRay &r, NearBegin &n,
+                                              Waiting &waiting, unsigned lane)
   {
-    for (int k = 0; k < 3; ++k) set_axis(k, ready.axis[k][slot]);
+    begin_near_ray(from.tmin, kd_quad_t_share, r, n);
+    clip_to_bounds(from, s.kd_quads, r, n, waiting.a[lane], waiting.b[lane]);
+  }
+  __device__ __forceinline__ static Vec3f center(const TraceScene &s) { return s.kd_quads.frame.center; }
+  __device__ __forceinline__ void take(const TraceScene &s, float tmin, NearBegin &n, const Waiting &waiting,
+                                       unsigned slot, Entry *)
+  {
+    begin_near_ray(tmin, kd_quad_t_share, ray, n);
+    const float unit = kd_quad_unit(s.kd_quads.frame);
+    for (int k = 0; k < 3; ++k) {
+      const KdQuadAxis axis = kd_quad_axis_of(at(ray.inverse, k), at(n.offset, k), unit, n);
+      set_axis(k, make_float2(axis.scale, axis.shift));
+    }
     set_axis(3, make_float2(0.0f, infinity));
-    a = ready.a[slot];
-    b = ready.b[slot];
-    width = ready.width[slot];
+    a = waiting.a[slot];
+    b = waiting.b[slot];
+    width = kd_quad_width(unit, n);
     restart(s);
   }
 };
