@@ -278,7 +278,7 @@ TEST(CudaSchedules, RefuseToCountLanesOfOtherTests)
 TEST(CudaSchedules, OfQueriesWorkInLittleMemory)
 {
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
-  compare_schedules(make_device(GPURT_DEVICE_CUDA, 0, uint64_t(48) << 20), test_scenes()[0],
+  compare_schedules(make_device(GPURT_DEVICE_CUDA, 0, uint64_t(64) << 20), test_scenes()[0],
                     amount(100'000, 2'003));
 }
 
