@@ -98,6 +98,7 @@ __device__ uint32_t keep_smallest(Kept<Capacity> &kept, uint32_t num, uint32_t l
     const bool stays = e < num && precedes(distance2, id, bound, id_bound);
     const unsigned staying = __ballot_sync(all_lanes, stays);
     const uint32_t place = left + __popc(staying & ((1u << lane) - 1));
+    __syncwarp();  // all have read what is written over
     if (stays) {
       kept.distances2[place] = distance2;
       kept.ids[place] = id;
