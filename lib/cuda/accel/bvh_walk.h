@@ -13,8 +13,6 @@ struct BvhWalk {
   using Kind = NearKind<true>;
   // Blocks of a multiprocessor that registers must leave room for.
   static constexpr int plain_blocks = 10, refill_blocks = 9;
-  // Of warps that refill: what they have of an H100's 228 KB of shared memory, 64 KB.
-  static constexpr unsigned shared_percent = 28;
   // Of warps that refill: steps between votes, and lanes that have a node while the warp goes on stepping. Of 8 to 20 lanes
   // these measured best, by little.
   static constexpr int steps = 3, stepping_until = 12;

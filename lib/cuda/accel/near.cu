@@ -141,9 +141,9 @@ void launch_near_refill(const TraceScene &scene, TraceQuery query, const NearBat
 // What a batch is traced as; Auto: as its rays turn out to lie.
 //
 // Closest hits of warps that refill are measured by a kernel of its own, which takes some 50 us of 2^21 rays on an H100. What
-// refilling saves makes up for it where steps wait for memory. Of bvhs that stay in the cache it does not, or hardly: 4184
-// against 4820 Mrays/s (city, diffuse rays), 10156 against 14272 (bunny, random), 5199 against 4920 (bunny, diffuse). Among
-// placements it does: 947 against 727 (rocks of bench_rays, random), 2493 against 2657 (diffuse).
+// refilling saves makes up for it where steps wait for memory. Of bvhs that stay in the cache it does not always: 4433 against
+// 4981 Mrays/s (city, diffuse rays), 11542 against 14898 (bunny, random), but 4839 against 4581 (city, random), 5575 against
+// 5033 (bunny, diffuse). Among placements it does: 1027 against 756 (rocks of bench_rays, random), 2655 against 2776 (diffuse).
 Coherence order_of(const TraceScene &scene, TraceQuery query, uint32_t num_rays, Coherence hint)
 {
   if (num_rays < min_refill_rays) return Coherence::Coherent;

@@ -69,15 +69,16 @@ void launch_plain(const TraceScene &scene, TraceQuery query, const NearBatch &ba
                   cudaStream_t stream)
 {
   const TiledRows rows(width, batch.num_rays);
+  constexpr size_t shared_bytes = block_size / warp_size * sizeof(typename Walk::Shared);
   if constexpr (!counts_lanes) {
     if (query == TraceQuery::Any) {
-      launch("any-hit kernel", near_plain_kernel<Walk, TraceQuery::Any>, rows.num_items(), stream, scene,
-             batch, rows);
+      launch_for_l1("any-hit kernel", near_plain_kernel<Walk, TraceQuery::Any>, rows.num_items(),
+                    Walk::plain_blocks, shared_bytes, stream, scene, batch, rows);
       return;
     }
   }
-  launch("closest-hit kernel", near_plain_kernel<Walk, TraceQuery::Closest>, rows.num_items(), stream, scene,
-         batch, rows);
+  launch_for_l1("closest-hit kernel", near_plain_kernel<Walk, TraceQuery::Closest>, rows.num_items(),
+                Walk::plain_blocks, shared_bytes, stream, scene, batch, rows);
 }
 
 #endif

@@ -18,7 +18,7 @@ GPURT_KERNELS_BEGIN
 constexpr int refill_at = 8;
 
 // Rays that wait for a warp's lanes: made so by all lanes at once, taken by few at a time. In as little shared memory as lets
-// nine blocks of a bvh's have 64 KB of a multiprocessor's 256: the rest is L1, for which the warps wait.
+// nine blocks of a bvh's have 64 KB of an H100's 256: the rest is L1, for which the warps wait.
 template <class Walk>
 struct WaitingRays {
   float origin[3][warp_size], inverse[3][warp_size];
@@ -162,21 +162,19 @@ void launch_refill(const TraceScene &scene, TraceQuery query, const NearBatch &b
 {
   const uint64_t num_threads =
       std::min<uint64_t>(uint64_t(scene.num_sms) * Walk::refill_blocks * block_size, batch.num_rays);
-  // A block's own, and what the system takes.
   constexpr size_t shared_bytes =
-      block_size / warp_size * (sizeof(WaitingRays<Walk>) + sizeof(typename Walk::Shared)) + 1024;
-  static_assert(Walk::refill_blocks * shared_bytes <= (size_t(228) << 10) * Walk::shared_percent / 100);
+      block_size / warp_size * (sizeof(WaitingRays<Walk>) + sizeof(typename Walk::Shared));
   const bool is_any = query == TraceQuery::Any, is_asked_for = batch.num_refills != nullptr;
   const char *name = is_asked_for ? persistent_kernel_name : is_any ? "any-hit kernel" : "closest-hit kernel";
   if constexpr (!counts_lanes) {
     if (is_any) {
-      launch_for_l1(name, near_refill_kernel<Walk, TraceQuery::Any>, num_threads, Walk::shared_percent,
-                    stream, scene, batch);
+      launch_for_l1(name, near_refill_kernel<Walk, TraceQuery::Any>, num_threads, Walk::refill_blocks,
+                    shared_bytes, stream, scene, batch);
       return;
     }
   }
-  launch_for_l1(name, near_refill_kernel<Walk, TraceQuery::Closest>, num_threads, Walk::shared_percent,
-                stream, scene, batch);
+  launch_for_l1(name, near_refill_kernel<Walk, TraceQuery::Closest>, num_threads, Walk::refill_blocks,
+                shared_bytes, stream, scene, batch);
 }
 
 #endif

@@ -22,7 +22,6 @@ template <bool Masks>
 struct PlacedBvhWalk {
   using Kind = NearKind<true, Masks, true>;
   static constexpr int plain_blocks = 8, refill_blocks = 7;
-  static constexpr unsigned shared_percent = BvhWalk::shared_percent;
   static constexpr int steps = BvhWalk::steps, stepping_until = BvhWalk::stepping_until;
 
   using Entry = uint32_t;

@@ -13,7 +13,6 @@ GPURT_KERNELS_BEGIN
 struct QuadWalk {
   using Kind = NearKind<false>;
   static constexpr int plain_blocks = 9, refill_blocks = 8;
-  static constexpr unsigned shared_percent = 43;  // 100 KB, see BvhWalk
   static constexpr int steps = 2, stepping_until = 12;
 
   // What a ray leaves for later, and the end below it: where it goes on, and the interval there.
