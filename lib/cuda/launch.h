@@ -42,6 +42,10 @@ template <class... Parameters, class... Arguments>
 void launch_for_l1(const char *name, void (*kernel)(Parameters...), uint64_t n, int blocks,
                    size_t shared_bytes, cudaStream_t stream, const Arguments &...arguments)
 {
+#if CUDART_VERSION < 13000
+  static_cast<void>(blocks), static_cast<void>(shared_bytes);  // CUDA 12.0 has no such attribute
+  launch(name, kernel, n, stream, arguments...);
+#else
   if (n == 0) return;
   constexpr size_t system_bytes = 1024;  // of a block, from compute capability 8 on
   int device = 0, most_shared_bytes = 0;
@@ -64,6 +68,7 @@ void launch_for_l1(const char *name, void (*kernel)(Parameters...), uint64_t n, 
   check(cudaLaunchKernelEx(&config, kernel, arguments...), name);
   timed.end(name);
   note_launch(name, reinterpret_cast<const void *>(kernel), block_size);
+#endif
 }
 
 /// Runs kernel(args...) with as many threads as the device holds at once, but no more than n need.
