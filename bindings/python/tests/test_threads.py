@@ -31,7 +31,9 @@ def run_python(code, **options):
 ], ids=["wait", "with", "render"])
 def test_ctrl_c_ends_a_long_render(render):
     process = run_python(f"""
-        import conftest, gpurt, time
+        import conftest, gpurt, signal, time
+        # Where tests are run in the background, Ctrl-C is ignored.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         scene = conftest.make_box(gpurt.Device("cpu"))
         frame = gpurt.Frame(scene, width=512, height=512)
         print("ready", flush=True)
