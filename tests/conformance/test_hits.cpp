@@ -1,23 +1,21 @@
 // Closest, any and all hits of the kd-tree and the bvh against exact geometry: rays at edges, vertices, split planes and
 // along axes, on meshes of six kinds, through the library's own trees, those that a GPU builds, and kd-trees made by CGAL.
-#include <cstdlib>
 #include <cstring>
 #include <optional>
 
 #include "../support/cgal_tree.h"
 #include "../support/judge.h"
 #include "../support/queries.h"
+#include "../support/short_form.h"
 
 namespace {
 
 using namespace gpurt_test;
 
-// Under the sanitizer of CUDA devices.
-const bool is_short = std::getenv("GPURT_TEST_SHORT") != nullptr;
 #if defined(__SANITIZE_ADDRESS__)
 constexpr size_t num_rays = 4000;
 #else
-const size_t num_rays = is_short ? 600 : 100000;
+const size_t num_rays = is_short_form() ? 600 : 100000;
 #endif
 // A batch that CUDA devices may trace by warps that refill.
 constexpr size_t large_batch = (size_t(1) << 18) + 1000;
@@ -121,7 +119,7 @@ class Hits : public ::testing::TestWithParam<Params> {
     for (size_t i = 0; i < rays_.size(); ++i)
       num_different += occluded[i] != (hits[i].primitive != GPURT_INVALID_ID);
     EXPECT_EQ(num_different, 0u) << title << ": any hit and closest hit disagree";
-    if (GetParam().is_cuda && !is_short) check_large_batches(scene, title, hits, occluded);
+    if (GetParam().is_cuda && !is_short_form()) check_large_batches(scene, title, hits, occluded);
   }
 
   // By warps that refill, which large batches alone take by themselves.
@@ -130,11 +128,7 @@ class Hits : public ::testing::TestWithParam<Params> {
     const std::vector<gpurt_hit> expected = trace_closest(scene, rays_);
     std::vector<gpurt_hit> hits(rays_.size());
     std::vector<uint8_t> occluded(rays_.size(), 2);
-    gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
-    desc.schedule.traversal = GPURT_TRAVERSAL_STACK;
-    desc.schedule.launch = GPURT_LAUNCH_PERSISTENT;
-    desc.num_rays = rays_.size();
-    desc.rays = rays_.data();
+    gpurt_trace_desc desc = by_refilling_warps(rays_);
     desc.hits = hits.data();
     GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
     desc.query = GPURT_QUERY_ANY;
@@ -228,7 +222,7 @@ class Hits : public ::testing::TestWithParam<Params> {
 
     make_rays(planes, float_precision, num_rays, 5);
     check_closest(own, kind + ", own tree");
-    if (GetParam().is_cuda && is_short) check_refilling_warps(own, kind + ", own tree");
+    if (GetParam().is_cuda && is_short_form()) check_refilling_warps(own, kind + ", own tree");
     check_all(own, kind + ", own tree");
     if (is_kdtree() && !GetParam().is_fast) {
       const Scene imported = make_scene(GPURT_TRIANGLE_WATERTIGHT, &median);

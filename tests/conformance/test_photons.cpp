@@ -8,13 +8,13 @@
 #include <CGAL/property_map.h>
 
 #include <cstdio>
-#include <cstdlib>
 #include <fstream>
 #include <limits>
 #include <numeric>
 #include <thread>
 
 #include "../support/photon_map.h"
+#include "../support/short_form.h"
 
 namespace {
 
@@ -22,8 +22,6 @@ using namespace gpurt_test;
 using photon_sets::Set;
 
 constexpr float inf = std::numeric_limits<float>::infinity();
-// Under the sanitizer of CUDA devices.
-const bool is_short = std::getenv("GPURT_TEST_SHORT") != nullptr;
 #if defined(__SANITIZE_ADDRESS__)
 constexpr size_t num_points = 500, num_queries = 40;
 #else
@@ -170,9 +168,9 @@ TEST_P(Photons, NearestAreThoseOfBruteForce)
     for (const uint32_t num_levels : {1u, 4u}) {
       for (const uint32_t k : {1u, 7u, 50u, 200u}) {
         if (k == 200 && num_levels == 1) continue;
-        if (is_short && (num_levels == 1) != (k == 7)) continue;
+        if (is_short_form() && (num_levels == 1) != (k == 7)) continue;
         for (const float limit : {0.0f, set.radius * 1.5f}) {
-          if (is_short && (limit == 0) != (k == 1 || k == 200)) continue;
+          if (is_short_form() && (limit == 0) != (k == 1 || k == 200)) continue;
           gpurt_photon_query_desc desc = query_desc(GPURT_PHOTON_QUERY_NEAREST, places, limit);
           desc.k = k;
           desc.radius_hint = k == 7 ? set.radius * 0.1f : 0;

@@ -1,21 +1,14 @@
 // Scenes and rays for comparing devices bit by bit. All are functions of indices and seeds.
 #pragma once
 
-#include <cstdlib>
 #include <functional>
 
 #include "../support/gpurt_test.h"
+#include "../support/short_form.h"
 
 namespace gpurt_test {
 
 using Vec = std::array<float, 3>;
-
-/// The number of rays, samples ... to take: `whole`, or with GPURT_TEST_SHORT=1, under a sanitizer, `shortened`.
-inline uint64_t amount(uint64_t whole, uint64_t shortened)
-{
-  const char *value = std::getenv("GPURT_TEST_SHORT");
-  return value != nullptr && value[0] == '1' ? shortened : whole;
-}
 
 /// A small counter-based generator: the same numbers on every machine, whatever the standard library.
 class Random {
@@ -220,7 +213,7 @@ inline std::vector<TestScene> test_scenes()
 inline std::vector<TestScene> scenes_of_each_kind()
 {
   std::vector<TestScene> scenes = test_scenes();
-  if (amount(0, 1) != 0)
+  if (is_short_form())
     std::erase_if(scenes, [](const TestScene &s) { return s.name == "terrain" || s.name == "shared_veils"; });
   return scenes;
 }

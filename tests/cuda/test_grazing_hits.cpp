@@ -65,11 +65,7 @@ void expect_hits_of_refilling_warps(gpurt_device device, gpurt_scene scene,
 {
   const uint64_t num_finished = launches_of(device, "kernel that finishes closest hits");
   std::vector<gpurt_hit> hits(rays.size());
-  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
-  desc.schedule.traversal = GPURT_TRAVERSAL_STACK;
-  desc.schedule.launch = GPURT_LAUNCH_PERSISTENT;
-  desc.num_rays = rays.size();
-  desc.rays = rays.data();
+  gpurt_trace_desc desc = by_refilling_warps(rays);
   desc.hits = hits.data();
   GPURT_EXPECT_OK(gpurt_scene_trace(scene, &desc));
   size_t num_different = 0;
@@ -99,7 +95,7 @@ void compare_trees_and_kernels(gpurt_device_type kind)
         expect_hits(scene, rays, rays.size(), GPURT_COHERENCE_AUTO, expected);
         if (!is_cuda) continue;
         for (const gpurt_coherence coherence : {GPURT_COHERENCE_COHERENT, GPURT_COHERENCE_INCOHERENT}) {
-          if (amount(1, 0) != 0) expect_hits(scene, rays, large_batch, coherence, expected);
+          if (!is_short_form()) expect_hits(scene, rays, large_batch, coherence, expected);
         }
         expect_hits_of_refilling_warps(device, scene, rays, expected);
       }

@@ -455,7 +455,7 @@ void compare_orders(const DevicePair &devices, const TestScene &content, gpurt_a
                     *const *kernels = is_by_rounds ? of_rounds : finishing;
   SCOPED_TRACE(content.name + (accel == GPURT_ACCEL_BVH ? ", bvh" : ", kdtree"));
   const ScenePair scenes = make_scenes(devices, content, GPURT_TRIANGLE_WATERTIGHT, accel);
-  const bool is_short = amount(0, 1) != 0;
+  const bool is_short = is_short_form();
   std::vector<gpurt_ray> rays =
       is_short && is_by_rounds ? make_rays(scenes.targets, 0, 4'000) : rays_of_a_launch(scenes.targets);
   rays[7].origin[0] = 1e20f;  // far away: not for the fast kernels
@@ -546,7 +546,7 @@ TEST(CudaCoherence, DoesNotChangeHitsAmongPlacements)
   for (const TestScene &content :
        {TestScene{"city", fill_city}, TestScene{"foliage", fill_foliage},
         TestScene{"shared_veils", fill_shared_veils}, TestScene{"grove", fill_grove}}) {
-    if (amount(0, 1) != 0 && content.name == "foliage") continue;  // masks are placed in the grove, too
+    if (is_short_form() && content.name == "foliage") continue;  // masks are placed in the grove, too
     compare_orders(devices, content, GPURT_ACCEL_BVH);
   }
 }

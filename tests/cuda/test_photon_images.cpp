@@ -60,7 +60,7 @@ Pass picture()
   Pass o{uint32_t(amount(161, 29)), uint32_t(amount(123, 23)), uint32_t(amount(12, 2))};
   o.max_depth = uint32_t(amount(0, 5));
   o.photon.photons_per_pass = uint32_t(amount(0, 3000));
-  o.photon.initial_radius = amount(0, 1) != 0 ? 0.1f : 0.0f;
+  o.photon.initial_radius = is_short_form() ? 0.1f : 0.0f;
   return o;
 }
 
@@ -203,8 +203,8 @@ TEST(CudaPhotonImages, AreTheSameInLittleMemory)
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   constexpr uint64_t mib = uint64_t(1) << 20;
   Pass o{uint32_t(amount(128, 64)), 64, uint32_t(amount(6, 1))};
-  o.photon.initial_radius = amount(0, 1) != 0 ? 0.03f : 0.0f;
-  const bool is_short = amount(0, 1) != 0;
+  o.photon.initial_radius = is_short_form() ? 0.03f : 0.0f;
+  const bool is_short = is_short_form();
   const Device roomy = make_device(is_short ? GPURT_DEVICE_CPU : GPURT_DEVICE_CUDA);
   const Scene a = make_scene(roomy, fill_cornell_box);
   for (const uint64_t limit : {6 * mib, amount(24, 10) * mib}) {

@@ -267,7 +267,7 @@ std::vector<ReyesPicture> flat_pictures(uint32_t num_cameras)
 std::vector<ReyesPicture> other_flat_pictures()
 {
   const std::vector<ReyesPicture> all = flat_pictures(1);
-  return amount(0, 1) != 0 ? std::vector<ReyesPicture>{all[0], all[3], all[6]} : all;
+  return is_short_form() ? std::vector<ReyesPicture>{all[0], all[3], all[6]} : all;
 }
 
 TEST(CudaReyes, OfFlatRegionsHasTheBitsOfTheCpu)

@@ -28,7 +28,7 @@ TEST(CudaReyesBlending, OfShellsHasTheBitsOfTheCpu)
   const Device cpu = make_device(GPURT_DEVICE_CPU), cuda = make_device(GPURT_DEVICE_CUDA);
   compare_devices(cpu, cuda, fill_shells, pictures());
   const std::vector<ReyesPicture> all = pictures(),
-                                  some = amount(0, 1) != 0 ? std::vector<ReyesPicture>{all[0], all[3]} : all;
+                                  some = is_short_form() ? std::vector<ReyesPicture>{all[0], all[3]} : all;
   compare_devices(cpu, cuda, fill_shells, unshadowed(some));
   compare_devices(cpu, cuda, fill_bare_shells, unshadowed(some));
   compare_devices(cpu, cuda, fill_bare_shells, {pictures()[0]});
@@ -64,7 +64,7 @@ TEST(CudaReyesBlending, IsTheSameInLittleMemory)
   if (!has_cuda()) GTEST_SKIP() << "no CUDA device";
   const uint32_t side = uint32_t(amount(24, 12));
   ReyesPicture p = reyes_picture(side, side, 9);
-  const bool is_short = amount(0, 1) != 0;
+  const bool is_short = is_short_form();
   const std::vector<uint64_t> kibibytes =
       is_short ? std::vector<uint64_t>{8192, 2048, 512}
                : std::vector<uint64_t>{32768, 8192, 3072, 2048, 1536, 1024, 512};

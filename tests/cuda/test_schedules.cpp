@@ -225,7 +225,7 @@ void compare_counting(gpurt_device device, const TestScene &content, gpurt_accel
       }
     }
     // Under a sanitizer lanes of a warp come apart where they would not.
-    const bool is_sanitized = amount(0, 1) != 0;
+    const bool is_sanitized = is_short_form();
     if (is_sanitized) continue;
     const auto of_alike =
         trace<gpurt_hit>(scene, GPURT_QUERY_CLOSEST, GPURT_HIT_FULL, alike, q.schedule, true);
@@ -430,7 +430,7 @@ void compare_renders(gpurt_device device, void (*fill)(gpurt_scene), gpurt_accel
 void compare_renders(gpurt_accel accel)
 {
   const Device device = make_device(GPURT_DEVICE_CUDA);
-  const bool is_whole = amount(1, 0) != 0;
+  const bool is_whole = !is_short_form();
   RenderOptions o;
   o.width = uint32_t(amount(157, 16));
   o.height = uint32_t(amount(121, 12));
@@ -514,7 +514,7 @@ TEST(CudaSchedules, PoolsRefillInLittleMemory)
   for (const uint64_t limit : {little, more}) {
     SCOPED_TRACE(limit);
     o.spp = limit == little ? 1 : 16;
-    if (o.spp != 1 && amount(0, 1) != 0) continue;
+    if (o.spp != 1 && is_short_form()) continue;
     std::vector<std::vector<OutputBits>> pictures;
     for (const uint64_t its_limit : {uint64_t(0), limit}) {
       const Device device = make_device(GPURT_DEVICE_CUDA, 0, its_limit);

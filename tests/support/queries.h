@@ -24,6 +24,18 @@ inline std::vector<gpurt_hit> trace_all(gpurt_scene scene, const std::vector<gpu
   return hits;
 }
 
+/// Closest hits of a CUDA device by warps that refill, which it takes for large batches alone unless it is told to; what they
+/// are written to is the caller's.
+inline gpurt_trace_desc by_refilling_warps(const std::vector<gpurt_ray> &rays)
+{
+  gpurt_trace_desc desc = GPURT_TRACE_DESC_INIT;
+  desc.schedule.traversal = GPURT_TRAVERSAL_STACK;
+  desc.schedule.launch = GPURT_LAUNCH_PERSISTENT;
+  desc.num_rays = rays.size();
+  desc.rays = rays.data();
+  return desc;
+}
+
 /// The nodes of kd-tree 0 of the last commit.
 inline std::vector<gpurt_kdtree_node> exported_nodes(gpurt_scene scene)
 {

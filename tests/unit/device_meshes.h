@@ -1,9 +1,9 @@
 // Meshes for the device's builder of bvhs: of every class of node sizes, and those on which builders fail.
 #pragma once
 
-#include <cstdlib>
 #include <string_view>
 
+#include "../support/short_form.h"
 #include "bvh_check.h"
 
 namespace gpurt::test {
@@ -75,8 +75,8 @@ inline std::vector<NamedMesh> device_meshes()
   add("mixed", mixed);
   add("shrinking", shrinking(rng, 1));
   add("crowded", shrinking(rng, 100));
-  if (std::getenv("GPURT_TEST_SHORT") != nullptr) {
-    // Under a sanitizer: those of few and of many triangles, small and large, without area and all alike.
+  if (gpurt_test::is_short_form()) {
+    // Those of few and of many triangles, small and large, without area and all alike.
     std::erase_if(meshes, [](const NamedMesh &m) {
       const std::string_view left_out[] = {"two",  "thirty-two", "slivers", "sparse", "far",
                                            "flat", "star",       "huge",    "box",    "crowded"};
