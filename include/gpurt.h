@@ -532,9 +532,8 @@ typedef enum gpurt_build_quality {
                                    the best. Hits are those of HIGH,
                                    bit for bit, but by MOLLER_TRUMBORE, by which a ray that grazes triangles may
                                    meet another one of them. Elsewhere as HIGH */
-  GPURT_BUILD_QUALITY_HIGH =
-      2, /* the tree that traces fastest, built on the host's threads. Hits have the same bits on
-                                   every device */
+  /* The tree that traces fastest, built on the host's threads. Hits have the same bits on every device. */
+  GPURT_BUILD_QUALITY_HIGH = 2,
   GPURT_BUILD_QUALITY_FORCE32 = 0x7fffffff
 } gpurt_build_quality;
 
@@ -543,10 +542,10 @@ typedef struct gpurt_build_desc {
   gpurt_accel accel;
   gpurt_triangle_test triangle_test;
   uint32_t max_depth; /* kdtree; 0: 8 + 1.3 log2 N; at most 48 */
-  float
-      traversal_cost; /* kdtree: cost of a step in units of a triangle test; 0: the library's choice, 2 and for
-                            trees of CUDA devices 1, but not with MOLLER_TRUMBORE or a cache */
-  float empty_bonus;  /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
+  /* kdtree: cost of a step in units of a triangle test. 0: the library's choice, 2, or 1 for trees of CUDA devices but with
+   * MOLLER_TRUMBORE or a cache. */
+  float traversal_cost;
+  float empty_bonus;     /* kdtree: factor on the cost of splits that cut off empty space; 0: the library's */
   float patch_tolerance; /* largest distance, in metres of the world, between a patch and its triangles;
                                   0: 1e-4 of the diagonal of the patches' bounds, or none with patch_pixels */
   gpurt_build_quality quality;
